@@ -1,0 +1,29 @@
+from .estimation.losses import Bisquare as Bisquare
+from .estimation.losses import Huber as Huber
+from .estimation.metrics import allan_deviation as allan_deviation
+from .estimation.metrics import pv as pv
+from .estimation.metrics import rms as rms
+from .estimation.montecarlo import monte_carlo as monte_carlo
+from .estimation.robust import RobustFit as RobustFit
+from .estimation.robust import irls as irls
+from .estimation.robust import lstsq as lstsq
+from .estimation.smoothing import Smoothed as Smoothed
+from .estimation.smoothing import kalman_smooth as kalman_smooth
+from .imaging.centroid import Centroids as Centroids
+from .imaging.centroid import centroid as centroid
+from .imaging.detector import Detector as Detector
+from .imaging.finder import find_spots as find_spots
+from .imaging.spots import render_spots as render_spots
+from .pointing.attitude import AttitudeFit as AttitudeFit
+from .pointing.attitude import solve_attitude as solve_attitude
+from .pointing.optics import Camera as Camera
+from .pointing.optics import design_matrix as design_matrix
+from .pointing.thermal import ThermalNetwork as ThermalNetwork
+from .pointing.thermal import fit_sensitivity as fit_sensitivity
+from .recording import Measurement as Measurement
+from .recording import Recording as Recording
+from .recording import measure as measure
+from .recording import read_recording as read_recording
+from .workbench.ledger import Ledger as Ledger
+
+__version__: str

@@ -1,0 +1,126 @@
+"""Argument checks with one message style: what the argument must be, and what came.
+
+Every check takes the argument's name first and returns the value as the array or number that the caller works with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["boolean", "choice", "finite", "finite_or_nan", "integer", "non_negative", "number", "positive", "shaped"]
+
+Floats = NDArray[np.float64]
+
+
+def finite(name: str, value: ArrayLike, *, ndim: int | None = None) -> Floats:
+    """Return ``value`` as a float array, or raise ``ValueError`` if it is empty or holds NaN or infinity."""
+    array = _floats(name, value, ndim)
+    bad = ~np.isfinite(array)
+    if bad.any():
+        raise ValueError(f"{name} must be finite, got {int(bad.sum())} NaN or infinite of {array.size} values")
+    return array
+
+
+def finite_or_nan(name: str, value: ArrayLike, *, ndim: int | None = None) -> Floats:
+    """Return ``value`` as a float array in which NaN marks what is missing; raise if it is empty or holds infinity."""
+    array = _floats(name, value, ndim)
+    bad = np.isinf(array)
+    if bad.any():
+        raise ValueError(f"{name} must be finite or NaN, got {int(bad.sum())} infinite of {array.size} values")
+    return array
+
+
+def positive(name: str, value: ArrayLike) -> Floats:
+    """Return ``value`` as a float array whose elements are all finite and above zero."""
+    array = finite(name, value)
+    if (array <= 0).any():
+        raise ValueError(f"{name} must be positive, got {array.min():g}")
+    return array
+
+
+def non_negative(name: str, value: ArrayLike) -> Floats:
+    """Return ``value`` as a float array whose elements are all finite and not below zero."""
+    array = finite(name, value)
+    if (array < 0).any():
+        raise ValueError(f"{name} must not be negative, got {array.min():g}")
+    return array
+
+
+def number(name: str, value: object, *, low: float = -np.inf, high: float = np.inf) -> float:
+    """Return ``value`` as one finite float between ``low`` and ``high``, both allowed."""
+    try:
+        result = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a number, got {value!r}") from None
+    if not np.isfinite(result) or not low <= result <= high:
+        raise ValueError(f"{name} must be a finite number{_range(low, high)}, got {result:g}")
+    return result
+
+
+def integer(name: str, value: object, *, low: int | None = None, high: int | None = None) -> int:
+    """Return ``value`` as an int between ``low`` and ``high``, both allowed; 3.0 passes, 3.5 and True do not."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        raise ValueError(f"{name} must be a whole number, got {value!r}")
+    if value != value or value in (np.inf, -np.inf) or int(value) != value:
+        raise ValueError(f"{name} must be a whole number, got {value!r}")
+    limits = (-np.inf if low is None else low, np.inf if high is None else high)
+    if not limits[0] <= value <= limits[1]:
+        raise ValueError(f"{name} must be a whole number{_range(*limits)}, got {int(value)}")
+    return int(value)
+
+
+def boolean(name: str, value: object) -> bool:
+    """Return ``value`` if it is True or False, a NumPy bool included."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def choice(name: str, value: Any, options: Iterable[str]) -> str:
+    """Return ``value`` if it is one of the ``options``; the message lists them."""
+    allowed = list(options)
+    if not isinstance(value, str) or value not in allowed:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+    return value
+
+
+def shaped(name: str, array: NDArray[Any], shape: tuple[int | str, ...], *, why: str = "") -> None:
+    """Raise unless ``array`` has the shape asked for.
+
+    An int is a fixed length, a letter any length, a leading "..." any number of batch axes.
+
+    >>> shaped("points", np.zeros((4, 2)), ("n", 2))
+    >>> shaped("shifts", np.zeros((100, 3, 2)), ("...", 4, 2), why="to match 4 points")
+    Traceback (most recent call last):
+    ValueError: shifts must have shape (..., 4, 2) to match 4 points, got (100, 3, 2)
+    """
+    wanted = shape[1:] if shape and shape[0] == "..." else shape
+    actual = array.shape[array.ndim - len(wanted) :] if shape != wanted else array.shape
+    fits = len(actual) == len(wanted) and array.ndim >= len(wanted)
+    if not fits or any(isinstance(w, int) and w != a for w, a in zip(wanted, actual, strict=True)):
+        text = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+        raise ValueError(f"{name} must have shape ({text}){' ' + why if why else ''}, got {array.shape}")
+
+
+def _floats(name: str, value: ArrayLike, ndim: int | None) -> Floats:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}") from None
+    if ndim is not None and array.ndim != ndim:
+        raise ValueError(f"{name} must have {ndim} dimension{'s' * (ndim != 1)}, got shape {array.shape}")
+    if array.size == 0:
+        raise ValueError(f"{name} must hold at least one sample, got shape {array.shape}")
+    return array
+
+
+def _range(low: float, high: float) -> str:
+    if np.isfinite(low) and np.isfinite(high):
+        return f" from {low:g} to {high:g}"
+    if np.isfinite(low):
+        return f" of at least {low:g}"
+    return f" of at most {high:g}" if np.isfinite(high) else ""

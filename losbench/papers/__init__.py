@@ -1,0 +1,1 @@
+"""The papers: their scenarios, and one function per figure and table."""

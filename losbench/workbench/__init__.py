@@ -1,0 +1,1 @@
+"""The workbench: ledger and reproduction."""
