@@ -53,6 +53,8 @@ def non_negative(name: str, value: ArrayLike) -> Floats:
 def number(name: str, value: object, *, low: float = -np.inf, high: float = np.inf) -> float:
     """Return ``value`` as one finite float between ``low`` and ``high``, both allowed."""
     try:
+        if isinstance(value, str):
+            raise TypeError  # float() would read it
         result = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be a number, got {value!r}") from None
