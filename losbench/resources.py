@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-__all__ = ["build_folder", "data_file", "notebook_folder"]
+__all__ = ["build_folder", "data_file", "notebook_folder", "write_whole"]
 
 _PACKAGE = Path(__file__).resolve().parent
 _CHECKOUT = _PACKAGE.parent
@@ -34,3 +34,11 @@ def build_folder() -> Path:
     """
     named = os.environ.get("LOSBENCH_BUILD")
     return Path(named) if named else (_CHECKOUT if _IN_CHECKOUT else Path.cwd()) / "build"
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file under a temporary name, then rename it: whoever looks finds the old file or the new one, whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    draft.write_bytes(content.encode() if isinstance(content, str) else content)
+    draft.replace(path)
