@@ -20,10 +20,10 @@ from .pointing.optics import Camera as Camera
 from .pointing.optics import design_matrix as design_matrix
 from .pointing.thermal import ThermalNetwork as ThermalNetwork
 from .pointing.thermal import fit_sensitivity as fit_sensitivity
-from .recording import Measurement as Measurement
-from .recording import Recording as Recording
-from .recording import measure as measure
-from .recording import read_recording as read_recording
+from .recording.measure import Measurement as Measurement
+from .recording.readers import Recording as Recording
+from .recording.measure import measure as measure
+from .recording.readers import read_recording as read_recording
 from .workbench.ledger import Ledger as Ledger
 
 __version__: str

@@ -1,0 +1,191 @@
+"""When frames were taken, and how warm it was: times and temperature logs as CSV files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["FrameTimes", "TemperatureLog", "read_temperature_log", "read_times"]
+
+_UTC_HINT = "ISO 8601 UTC as 2026-03-01T12:00:00Z"
+
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """Times of frames or readings.
+
+    Attributes
+    ----------
+    seconds : (n,) array
+        Seconds since ``start``, or since an origin of the user's own. NaN where unknown.
+    start : numpy.datetime64 or None
+        The origin in UTC, where it is known.
+    """
+
+    seconds: NDArray[np.float64]
+    start: np.datetime64 | None = None
+
+    def seconds_since(self, other: FrameTimes, name: str) -> NDArray[np.float64]:
+        """Return these times on the clock of ``other``; both need a UTC origin, or neither."""
+        if (self.start is None) != (other.start is None):
+            has = "frames" if self.start is None else name
+            raise ValueError(f"{name} and frames must share a clock, but of the two only {has} came with UTC times")
+        if self.start is None or other.start is None:
+            return self.seconds
+        return self.seconds + (self.start - other.start) / np.timedelta64(1, "ns") * 1e-9
+
+
+@dataclass(frozen=True)
+class TemperatureLog:
+    """Temperature readings: ``times`` of n readings, ``celsius`` (n, k) and the ``names`` of the k sensors."""
+
+    times: FrameTimes
+    celsius: NDArray[np.float64]
+    names: tuple[str, ...]
+
+    def at(self, frames: FrameTimes, *, max_gap_s: float | None = None) -> NDArray[np.float64]:
+        """Interpolate linearly to the frames' times.
+
+        Parameters
+        ----------
+        frames : FrameTimes of F frames
+            NaN times give NaN temperatures.
+        max_gap_s : float, optional
+            Frames inside a longer gap between readings get NaN; default ten times the median step of the log.
+
+        Returns
+        -------
+        (F, k) array, degC
+            NaN outside the log and inside its gaps.
+
+        Raises
+        ------
+        ValueError
+            If no frame falls inside the log, or only one of the two knows UTC.
+        """
+        t = self.times.seconds_since(frames, "the temperature log")
+        want = frames.seconds
+        inside = (want >= t[0]) & (want <= t[-1])
+        if not inside.any():
+            raise ValueError(
+                f"the temperature log must overlap the frames in time: it runs from {t[0]:g} to {t[-1]:g} s, "
+                f"the frames from {np.nanmin(want):g} to {np.nanmax(want):g} s"
+            )
+        limit = 10.0 * float(np.median(np.diff(t))) if max_gap_s is None else max_gap_s
+        after = np.clip(np.searchsorted(t, np.where(inside, want, t[0])), 1, len(t) - 1)
+        known = inside & ((t[after] - t[after - 1] <= limit) | np.isin(want, t))
+        columns = [np.interp(want, t, column) for column in self.celsius.T]
+        return np.where(known[:, None], np.stack(columns, axis=-1), np.nan)
+
+
+def read_times(
+    path: str | Path | None, n_frames: int, *, period_s: float | None = None, start: str | None = None
+) -> FrameTimes | None:
+    """Return the frames' times from a CSV file or a constant period; None if neither is given."""
+    if path is None:
+        if period_s is None:
+            return None
+        return FrameTimes(
+            np.arange(n_frames, dtype=np.float64) * period_s, None if start is None else _utc("start", [start])[0]
+        )
+    table = _csv(path)
+    times = _time_columns(table, Path(path).name, {})
+    if len(times.seconds) != n_frames:
+        raise ValueError(f"{Path(path).name} must have one row for each of {n_frames} frames, got {len(times.seconds)}")
+    return times
+
+
+def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None = None) -> TemperatureLog:
+    """Read a temperature log.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with ``time_s`` (seconds on the frames' clock) or ``time`` (ISO 8601, UTC), and one or more columns whose
+        names start with ``temperature`` and end with ``_degC``.
+    columns : mapping, optional
+        Standard name to the file's own: ``{"time_s": "t", "temperature_degC": "Room (C)"}``.
+
+    Returns
+    -------
+    TemperatureLog
+        Sorted by time; rows with a missing time or temperature left out, of equal times the first kept.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing or unreadable; the message lists the columns that there are.
+    """
+    table, name, mapping = _csv(path), Path(path).name, dict(columns or {})
+    for standard, own in mapping.items():
+        if own not in table.columns:
+            raise ValueError(f"{name} has no column {own!r} for {standard}; it has {_listed(table)}")
+    table = table.rename(columns={own: standard for standard, own in mapping.items()})
+    names = [c for c in table.columns if c.startswith("temperature") and c.endswith("_degC")]
+    if not names:
+        raise ValueError(
+            f"{name} must have a column such as temperature_degC; it has {_listed(table)} (map other names)"
+        )
+    times = _time_columns(table, name, mapping)
+    celsius = np.stack([_numbers(table, c, name) for c in names], axis=-1)
+    keep = np.isfinite(times.seconds) & np.isfinite(celsius).all(axis=-1)
+    order = np.unique(times.seconds[keep], return_index=True)[1]
+    if len(order) < 2:
+        raise ValueError(f"{name} must hold at least two readings at different times, got {len(order)}")
+    kept = np.flatnonzero(keep)[order]
+    return TemperatureLog(FrameTimes(times.seconds[kept], times.start), celsius[kept], tuple(names))
+
+
+def _time_columns(table: pd.DataFrame, name: str, mapping: Mapping[str, str]) -> FrameTimes:
+    if "time_s" in table.columns:
+        return FrameTimes(_numbers(table, "time_s", name))
+    if "time" in table.columns:
+        utc = _utc(f"column {mapping.get('time', 'time')!r} of {name}", table["time"].tolist())
+        known = utc[~np.isnat(utc)]
+        if not known.size:
+            raise ValueError(f"column 'time' of {name} must hold at least one time")
+        return FrameTimes(np.where(np.isnat(utc), np.nan, (utc - known[0]) / np.timedelta64(1, "ns") * 1e-9), known[0])
+    raise ValueError(f"{name} must have a column time_s (seconds) or time ({_UTC_HINT}); it has {_listed(table)}")
+
+
+def _utc(name: str, texts: list[str]) -> NDArray[np.datetime64]:
+    import pandas as pd
+
+    try:
+        stamps = pd.to_datetime(pd.Series(texts, dtype="str"), utc=True, format="ISO8601")
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{name} must be {_UTC_HINT}, got: {str(error).splitlines()[0]}") from None
+    return stamps.dt.tz_localize(None).to_numpy().astype("datetime64[ns]")
+
+
+def _numbers(table: pd.DataFrame, column: str, name: str) -> NDArray[np.float64]:
+    try:
+        return table[column].to_numpy(dtype=np.float64)
+    except (ValueError, TypeError):
+        raise ValueError(f"column {column!r} of {name} must hold numbers, got {table[column].iloc[0]!r} ...") from None
+
+
+def _csv(path: str | Path) -> pd.DataFrame:
+    import pandas as pd
+
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"no CSV file at {path}")
+    try:
+        table = pd.read_csv(path, skipinitialspace=True, comment="#")
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise ValueError(f"{Path(path).name} must be a CSV file with a header line, got: {error}") from None
+    if table.empty:
+        raise ValueError(f"{Path(path).name} must hold at least one row below its header")
+    return table
+
+
+def _listed(table: pd.DataFrame) -> str:
+    return ", ".join(map(str, table.columns))

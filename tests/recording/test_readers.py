@@ -1,0 +1,108 @@
+"""Every format gives the same frames back; every broken file is named."""
+
+import cv2
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.recording.readers import UnreadableFrame
+
+FRAMES = np.random.default_rng(7).integers(0, 60_000, (12, 20, 30)).astype(np.uint16)
+
+
+def images(folder, frames, suffix=".tif"):
+    folder.mkdir()
+    for k, frame in enumerate(frames):
+        assert cv2.imwrite(str(folder / f"frame-{k}{suffix}"), frame)
+    return folder
+
+
+def every_frame(recording):
+    return recording.stamps[0].read(0, recording.n_frames, skip=recording.skip_unreadable)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_folder_of_images_comes_back_in_natural_order(tmp_path, suffix, dtype):
+    frames = (FRAMES >> 8).astype(dtype)
+    recording = lb.read_recording(images(tmp_path / "frames", frames, suffix))
+    stack, good = every_frame(recording)
+    assert stack.dtype == dtype and good.all()
+    np.testing.assert_array_equal(stack, frames)
+
+
+def test_stacks_in_one_file_come_back(tmp_path):
+    cv2.imwritemulti(str(tmp_path / "pages.tif"), list(FRAMES))
+    np.save(tmp_path / "stack.npy", FRAMES)
+    np.savez_compressed(tmp_path / "stack.npz", other=np.zeros(3), frames=FRAMES)
+    for name in ("pages.tif", "stack.npy", "stack.npz"):
+        np.testing.assert_array_equal(every_frame(lb.read_recording(tmp_path / name))[0], FRAMES)
+
+
+def test_a_fits_cube_comes_back_in_native_order(tmp_path):
+    fits = pytest.importorskip("astropy.io.fits")
+    fits.PrimaryHDU(FRAMES.astype(">f4")).writeto(tmp_path / "cube.fits")
+    stack, _ = every_frame(lb.read_recording(tmp_path / "cube.fits"))
+    assert stack.dtype == np.float32 and stack.dtype.isnative
+    np.testing.assert_array_equal(stack, FRAMES)
+
+
+def test_frames_stay_on_disk_until_asked_for(tmp_path):
+    folder = images(tmp_path / "frames", FRAMES)
+    recording = lb.read_recording(folder)
+    cv2.imwrite(str(folder / "frame-5.tif"), FRAMES[0])
+    np.testing.assert_array_equal(recording.stamps[0].read(5, 6, skip=False)[0][0], FRAMES[0])
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_a_truncated_image_is_named_and_stops_or_is_skipped(tmp_path, suffix):
+    folder = images(tmp_path / "frames", FRAMES, suffix)
+    broken = folder / f"frame-3{suffix}"
+    broken.write_bytes(broken.read_bytes()[:200])
+    with pytest.raises(UnreadableFrame, match=rf"frame-3\{suffix} cannot be read: not an image, or cut short"):
+        every_frame(lb.read_recording(folder))
+    stack, good = every_frame(lb.read_recording(folder, on_unreadable="skip"))
+    assert not good[3] and good.sum() == len(FRAMES) - 1
+    np.testing.assert_array_equal(stack[4], FRAMES[4])
+
+
+def test_mixed_frame_sizes_are_named(tmp_path):
+    folder = images(tmp_path / "frames", FRAMES)
+    cv2.imwrite(str(folder / "frame-4.tif"), FRAMES[0, :10])
+    expected = r"all frames must be 20x30 uint16 as frame-0.tif, but frame-4.tif is 10x30 uint16"
+    with pytest.raises(UnreadableFrame, match=expected):
+        every_frame(lb.read_recording(folder))
+
+
+def test_a_colour_image_is_refused(tmp_path):
+    folder = tmp_path / "colour"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "a.png"), np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(ValueError, match=r"a.png must be one grey image \(rows, cols\), got 3 colour channels"):
+        lb.read_recording(folder)
+
+
+def test_what_is_no_recording_is_refused_by_name(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no recording at .*nowhere: expected a folder of frames"):
+        lb.read_recording(tmp_path / "nowhere")
+    (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(ValueError, match=r"holds no frames: expected PNG, TIFF or FITS files, got 1 other files"):
+        lb.read_recording(tmp_path)
+    with pytest.raises(ValueError, match=r"notes.txt is no recording: expected .tif, .npy, .npz or .fits"):
+        lb.read_recording(tmp_path / "notes.txt")
+    np.save(tmp_path / "flat.npy", FRAMES[0])
+    with pytest.raises(ValueError, match=r"flat.npy must hold a stack \(frames, rows, cols\), got shape \(20, 30\)"):
+        lb.read_recording(tmp_path / "flat.npy")
+    np.save(tmp_path / "empty.npy", FRAMES[:0])
+    with pytest.raises(ValueError, match=r"empty.npy holds no frames"):
+        lb.read_recording(tmp_path / "empty.npy")
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "flat.npy").read_bytes()[:-20])
+    with pytest.raises(UnreadableFrame, match=r"cut.npy cannot be read"):
+        lb.read_recording(tmp_path / "cut.npy")
+    (tmp_path / "cut.tif").write_bytes(b"II*\0")
+    with pytest.raises(UnreadableFrame, match=r"cut.tif cannot be read: not a TIFF, or cut short"):
+        lb.read_recording(tmp_path / "cut.tif")
+    with pytest.raises(ValueError, match=r"on_unreadable must be one of 'stop', 'skip', got 'ask'"):
+        lb.read_recording(tmp_path / "flat.npy", on_unreadable="ask")
+    with pytest.raises(ValueError, match=r"period_s must be positive, got -5"):
+        lb.read_recording(images(tmp_path / "frames", FRAMES[:1]), period_s=-5.0)
