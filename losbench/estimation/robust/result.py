@@ -1,0 +1,136 @@
+"""What a fit hands back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from losbench.checks import number
+
+__all__ = ["RobustFit"]
+
+Floats = NDArray[np.float64]
+
+_ROWS_SHOWN = 10
+
+
+@dataclass(frozen=True, repr=False)
+class RobustFit:
+    """Result of `lstsq` or `irls`; batch axes (...) lead, and are absent for a single system.
+
+    Attributes
+    ----------
+    x : (..., p) array
+        Unknowns.
+    residuals : (..., n) array
+        A x - y.
+    weights : (..., n) array
+        Weight of each row at ``x``, between 0 and 1; all 1 for least squares.
+    scale : (...) array
+        Residual scale at ``x``. Never reported below the rounding error of ``y`` (64 eps max abs y), so that a perfect
+        fit has weights of 1. Least squares: sqrt(sum r^2 / dof), NaN where dof is 0.
+    cov : (..., p, p) array
+        Covariance of ``x``; see the function that made the fit for its formula. NaN where dof is 0 and the scale was
+        not given.
+    dof : (...) int array
+        Redundancy n - rank.
+    n_iter : (...) int array
+        Weighted solves; 0 for least squares.
+    converged : (...) bool array
+        Whether the iteration settled, with enough rows of non-zero weight left.
+    leverage : (..., n) array
+        Diagonal of the hat matrix of A, unweighted; rank / n on average, 1 where a row alone fixes an unknown.
+    rank : (...) int array
+        Rank of A. Where it is short, ``x`` is the solution of smallest norm in unit columns.
+    loss : str
+        The loss, with its constant.
+    scale_method : str
+        How ``scale`` was made.
+    group : (n,) int array or None
+        Group of each row, where groups share a weight.
+    """
+
+    x: Floats
+    residuals: Floats
+    weights: Floats
+    scale: Floats
+    cov: Floats
+    dof: NDArray[np.int64]
+    n_iter: NDArray[np.int64]
+    converged: NDArray[np.bool_]
+    leverage: Floats
+    rank: NDArray[np.int64]
+    loss: str
+    scale_method: str
+    group: NDArray[np.intp] | None = field(default=None)
+
+    @property
+    def std_error(self) -> Floats:
+        """Standard errors of the unknowns, (..., p): the root of the diagonal of ``cov``."""
+        return np.sqrt(np.diagonal(self.cov, axis1=-2, axis2=-1))
+
+    def outliers(self, threshold: float = 3.0) -> NDArray[np.bool_]:
+        """Mark rows whose residual exceeds ``threshold`` scales, (..., n).
+
+        Examples
+        --------
+        >>> import losbench as lb
+        >>> lb.irls(np.ones((5, 1)), [1.0, 1.1, 0.9, 1.0, 8.0]).outliers()
+        array([False, False, False, False,  True])
+        """
+        limit = number("threshold", threshold, low=0.0) * self.scale[..., None]
+        return np.abs(self.residuals) > limit
+
+    def summary(self) -> str:
+        """Everything worth knowing about the fit, on one screen."""
+        return "\n".join([repr(self), *(self._batch_lines() if self.x.ndim > 1 else self._single_lines())])
+
+    def __repr__(self) -> str:
+        """One line: what was fitted, how, and whether it settled."""
+        n, p = self.residuals.shape[-1], self.x.shape[-1]
+        batch = self.x.shape[:-1]
+        systems = f"{batch} systems of " if batch else ""
+        settled = int(np.count_nonzero(self.converged))
+        state = f"{settled} of {self.converged.size} converged" if batch else _state(self)
+        size = "" if batch else f" = {float(self.scale):.6g}"
+        return f"RobustFit({systems}{n} x {p}, loss {self.loss}, scale {self.scale_method}{size}, {state})"
+
+    def _single_lines(self) -> list[str]:
+        n, p = self.residuals.shape[-1], self.x.shape[-1]
+        lines = [f"rank {int(self.rank)} of {p}, dof {int(self.dof)}", "unknown        value   std error"]
+        lines += [
+            f"{i:7d} {value:12.6g} {error:11.4g}"
+            for i, (value, error) in enumerate(zip(self.x[:_ROWS_SHOWN], self.std_error, strict=False))
+        ]
+        doubted = np.flatnonzero(self.weights < 1.0)
+        doubted = doubted[np.argsort(self.weights[doubted], kind="stable")]
+        lines.append(f"{doubted.size} of {n} rows have a weight below 1" + (", lowest first:" if doubted.size else ""))
+        if doubted.size:
+            lines.append("    row  residual/scale   weight  leverage")
+        lines += [
+            f"{i:7d} {self.residuals[i] / self.scale:15.2f} {self.weights[i]:8.3f} {self.leverage[i]:9.3f}"
+            for i in doubted[:_ROWS_SHOWN]
+        ]
+        return lines
+
+    def _batch_lines(self) -> list[str]:
+        rows = {
+            "scale": self.scale,
+            "iterations": self.n_iter,
+            "lowest weight": self.weights.min(axis=-1),
+            "rank": self.rank,
+        }
+        rows |= {f"x[{i}]": self.x[..., i] for i in range(min(self.x.shape[-1], _ROWS_SHOWN))}
+        lines = ["                      least      median    greatest"]
+        for name, values in rows.items():
+            spread = np.min(values), np.median(values), np.max(values)
+            lines.append(f"{name:15s}" + "".join(f"{v:12.5g}" for v in spread))
+        return lines
+
+
+def _state(fit: RobustFit) -> str:
+    if not fit.n_iter:
+        return "direct"
+    return f"{'converged' if fit.converged else 'NOT CONVERGED'} in {int(fit.n_iter)} iterations"

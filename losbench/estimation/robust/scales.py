@@ -1,0 +1,103 @@
+"""Scales of residuals: how far off is normal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from losbench.checks import choice, positive
+
+__all__ = ["MAD_TO_SIGMA", "Scale", "ScaleRule"]
+
+Floats = NDArray[np.float64]
+Scale = str | float | ArrayLike | Callable[[Floats], ArrayLike]
+
+MAD_TO_SIGMA = 0.6744897501960817  # upper quartile of the standard normal distribution
+
+
+def _median_absolute(residuals: Floats) -> Floats:
+    size = residuals.shape[-1]
+    half = size // 2
+    ordered = np.partition(np.abs(residuals), half, axis=-1)
+    upper = ordered[..., half]
+    median = upper if size % 2 else 0.5 * (upper + ordered[..., :half].max(axis=-1))
+    return median / MAD_TO_SIGMA
+
+
+def _rms(residuals: Floats) -> Floats:
+    return np.sqrt(np.vecdot(residuals, residuals) / residuals.shape[-1])
+
+
+def _std(residuals: Floats) -> Floats:
+    return _rms(residuals - residuals.mean(axis=-1, keepdims=True))
+
+
+def _std1(residuals: Floats) -> Floats:
+    size = residuals.shape[-1]
+    return _std(residuals) * np.sqrt(size / max(size - 1, 1))
+
+
+_NAMED: dict[str, Callable[[Floats], Floats]] = {
+    "std": _std,
+    "std1": _std1,
+    "rms": _rms,
+    "mad": _median_absolute,
+}
+
+
+class ScaleRule:
+    """One way of turning residuals (b, n) into scales (b,), for a flattened batch.
+
+    Parameters
+    ----------
+    scale : str, float, array or callable
+        As `irls` takes it.
+    batch : tuple of int
+        Batch shape of the systems.
+    unit : (B,) array
+        Working unit of each system; known scales and callables speak the user's.
+    """
+
+    def __init__(self, scale: Scale, batch: tuple[int, ...], unit: Floats) -> None:
+        self._unit = unit
+        self._known: Floats | None = None
+        self._call: Callable[[Floats], ArrayLike] | None = None
+        if isinstance(scale, str):
+            self._named = _NAMED[choice("scale", scale, _NAMED)]
+            self.name = scale
+        elif callable(scale):
+            self._call = scale
+            self.name = getattr(scale, "__name__", type(scale).__name__)
+        else:
+            self._known = _known(scale, batch)
+            self.name = "given"
+
+    @property
+    def known(self) -> bool:
+        """Whether the scale was given, not estimated."""
+        return self._known is not None
+
+    def __call__(self, residuals: Floats, systems: NDArray[np.intp]) -> Floats:
+        """Scales of ``residuals``, which belong to the ``systems`` of the batch, in their working units."""
+        if self._known is not None:
+            return self._known[systems] / self._unit[systems]
+        if self._call is None:
+            return self._named(residuals)
+        unit = self._unit[systems]
+        scales = np.asarray(self._call(residuals * unit[:, None]), dtype=np.float64)
+        if scales.shape != unit.shape or not (scales >= 0).all():
+            raise ValueError(
+                "scale must turn residuals (..., n) into one non-negative number for each system (...), "
+                f"got {scales} from residuals of shape {residuals.shape}"
+            )
+        return scales / unit
+
+
+def _known(scale: ArrayLike, batch: tuple[int, ...]) -> Floats:
+    values = positive("scale", scale)
+    try:
+        return np.broadcast_to(values, batch).reshape(-1)
+    except ValueError:
+        raise ValueError(f"scale must broadcast to the batch {batch}, got shape {values.shape}") from None
