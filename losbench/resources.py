@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-__all__ = ["build_folder", "data_file", "notebook_folder", "write_whole"]
+__all__ = ["build_folder", "data_file", "free_folder", "notebook_folder", "write_whole"]
 
 _PACKAGE = Path(__file__).resolve().parent
 _CHECKOUT = _PACKAGE.parent
@@ -42,3 +42,17 @@ def write_whole(path: Path, content: str | bytes) -> None:
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     draft.write_bytes(content.encode() if isinstance(content, str) else content)
     draft.replace(path)
+
+
+def free_folder(out: str | Path, *, force: bool) -> Path:
+    """Return ``out`` as a folder to write to, made if need be; ``FileExistsError`` if it holds anything, unless forced.
+
+    Forcing replaces the files that are written, one by one; nothing else in the folder is touched.
+    """
+    folder = Path(out)
+    if folder.exists() and not folder.is_dir():
+        raise FileExistsError(f"{folder} must be a folder, but is a file")
+    if folder.is_dir() and any(folder.iterdir()) and not force:
+        raise FileExistsError(f"{folder} is not empty: choose another folder, or overwrite with --force")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -1,4 +1,4 @@
-"""What every scenario is made of: values that a paper states, and values that had to be assumed, each with its reason."""
+"""What a scenario is made of: values that a paper states, and values that had to be assumed, each with its reason."""
 
 from __future__ import annotations
 
@@ -30,7 +30,5 @@ def assumptions(scenario: Any) -> pd.DataFrame:
     """Return the table of a scenario: name, value, unit, source (stated, assumed or calibrated) and reason."""
     import pandas as pd
 
-    rows = [
-        {"name": f.name, "value": getattr(scenario, f.name), **f.metadata} for f in fields(scenario) if f.metadata
-    ]
+    rows = [{"name": f.name, "value": getattr(scenario, f.name), **f.metadata} for f in fields(scenario) if f.metadata]
     return pd.DataFrame(rows, columns=["name", "value", "unit", "source", "reason"])
