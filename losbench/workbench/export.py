@@ -1,0 +1,154 @@
+"""Executed notebooks as HTML pages that show pictures and formulas without a network."""
+
+from __future__ import annotations
+
+import re
+from html import escape
+
+import nbformat
+from latex2mathml.converter import convert
+from nbconvert.exporters import HTMLExporter
+from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
+
+__all__ = ["formula_to_mathml", "index_page", "notebook_title", "notebook_to_html"]
+
+_TAG = re.compile(r"\\tag\*?\{([^{}]*)\}")
+_NOT_CONVERTED = re.compile(r"<mi>(\\[^<]*|&)</mi>")
+
+
+def notebook_to_html(notebook: nbformat.NotebookNode, name: str) -> str:
+    """Return a notebook as one page; ``ValueError`` names the formula that MathML cannot be made of."""
+    html, _ = _Offline().from_notebook_node(_described(notebook), {"metadata": {"name": name}})
+    return html
+
+
+def formula_to_mathml(latex: str, *, block: bool = False) -> str:
+    r"""Turn a LaTeX formula into MathML, which browsers draw themselves.
+
+    Parameters
+    ----------
+    latex : str
+        Without its dollars. Matrices, cases, align, aligned and ``\tag`` are known.
+    block : bool
+        Displayed on a line of its own, a tag at its right.
+
+    Returns
+    -------
+    str
+        HTML.
+
+    Raises
+    ------
+    ValueError
+        If a command is not known.
+
+    Examples
+    --------
+    >>> formula_to_mathml("x^2")[-50:]
+    'ow><msup><mi>x</mi><mn>2</mn></msup></mrow></math>'
+    """
+    tags = _TAG.findall(latex)
+    body = _TAG.sub(r"&\\quad\\text{(\1)}" if len(tags) > 1 else "", latex)
+    # latex2mathml knows split, which is the same, and sets upright letters only as text.
+    body = body.replace("{aligned}", "{split}").replace("{align}", "{align*}")
+    body = re.sub(r"\\mathrm\{([A-Za-z ]+)\}", r"\\text{\1}", body)
+    mathml = convert(body.strip(), display="block" if block else "inline")
+    unknown = _NOT_CONVERTED.search(mathml)
+    if unknown:
+        raise ValueError(f"no MathML for {unknown[1]} in the formula {latex.strip()}")
+    if not block:
+        return mathml
+    number = f"<span>({escape(tags[0])})</span>" if len(tags) == 1 else ""
+    return f'<div class="equation">{mathml}{number}</div>'
+
+
+def index_page(titles: dict[str, str], figures: list[str], tables: list[str]) -> str:
+    """Return the page that leads to the notebooks (name to title), the ledger, the tables and the figures."""
+    notebooks = "".join(f'<li><a href="{name}.html">{escape(title)}</a></li>\n' for name, title in titles.items())
+    listed = ", ".join(f'<a href="../tables/{name}">{escape(name)}</a>' for name in tables) or "none"
+    pictures = "".join(
+        f'<figure><a href="../figures/{name}"><img src="../figures/{name}" alt="{escape(name)}"></a>'
+        f"<figcaption>{escape(name)}</figcaption></figure>\n"
+        for name in figures
+    )
+    return _INDEX.format(notebooks=notebooks, tables=listed, pictures=pictures)
+
+
+def notebook_title(notebook: nbformat.NotebookNode, default: str) -> str:
+    """Return the first heading of a notebook."""
+    text = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+    heading = re.search(r"^# (.+)$", text, re.MULTILINE)
+    return heading[1].strip() if heading else default
+
+
+class _MathML(IPythonRenderer):  # type: ignore[misc]
+    def block_math(self, body: str) -> str:
+        return formula_to_mathml(body, block=True)
+
+    def latex_environment(self, name: str, body: str) -> str:
+        return formula_to_mathml(f"\\begin{{{name}}}{body}\\end{{{name}}}", block=True)
+
+    def inline_math(self, body: str) -> str:
+        return formula_to_mathml(body)
+
+
+class _Offline(HTMLExporter):  # type: ignore[misc]
+    """nbconvert's page without the scripts that it would fetch: require.js, MathJax, mermaid."""
+
+    def __init__(self) -> None:
+        super().__init__(raw_template=_TEMPLATE, exclude_anchor_links=True)
+        self.register_filter("markdown2html", _markdown_to_html)
+
+
+def _markdown_to_html(source: str) -> str:
+    return str(MarkdownWithMath(renderer=_MathML(escape=False, exclude_anchor_links=True)).render(source))
+
+
+def _described(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
+    """Give every picture the heading that it stands under as its alternative text."""
+    copy = nbformat.from_dict(notebook)
+    heading = ""
+    for cell in copy.cells:
+        if cell.cell_type == "markdown":
+            heading = (re.findall(r"^#+ (.+)$", cell.source, re.MULTILINE) or [heading])[-1]
+        for output in cell.get("outputs", []):
+            if "image/png" in output.get("data", {}):
+                output.metadata["alt"] = f"Figure: {heading}"
+    return copy
+
+
+_TEMPLATE = """{%- extends 'lab/index.html.j2' -%}
+{%- block html_head_js_requirejs -%}{%- endblock -%}
+{%- block html_head_js_mathjax -%}{%- endblock -%}
+{%- block html_head_js_mermaidjs -%}{%- endblock -%}
+{%- block html_head_css -%}
+<style>
+.equation { display: flex; align-items: center; margin: .8em 0 }
+.equation math { flex: 1 }
+math { font-size: 1.08em }
+.jp-Notebook { max-width: 62rem; margin: 0 auto }
+</style>
+{%- endblock -%}
+{% block data_png scoped %}
+<div class="jp-RenderedImage jp-OutputArea-output">
+<img src="data:image/png;base64,{{ output.data['image/png'] }}" alt="{{ output.metadata.alt | escape_html }}">
+</div>
+{%- endblock data_png %}
+"""
+
+_INDEX = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>losbench: the reproduction</title><style>
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222 }}
+figure {{ display: inline-block; width: 18rem; margin: 0 1rem 1rem 0; vertical-align: top }}
+img {{ max-width: 100%; border: 1px solid #ddd }} figcaption {{ font-size: .85rem }}
+</style></head><body>
+<h1>losbench: the reproduction</h1>
+<p>Every printed number with its verdict: <a href="../ledger.html">the ledger of claims</a>.</p>
+<h2>Notebooks</h2>
+<ul>
+{notebooks}</ul>
+<h2>Tables</h2>
+<p>{tables}</p>
+<h2>Figures</h2>
+{pictures}</body></html>
+"""

@@ -1,0 +1,48 @@
+"""Formulas that browsers draw themselves, and pages that ask for nothing."""
+
+import re
+
+import nbformat
+import pytest
+
+from losbench.workbench.export import formula_to_mathml, notebook_to_html
+
+
+@pytest.mark.parametrize(
+    ("latex", "rows"),
+    [
+        (r"\begin{pmatrix}1 & 2\\ 3 & 4\end{pmatrix}", 2),
+        (r"w = \begin{cases}1, & |r| \le c\\ c/|r|, & \text{else}\end{cases}", 2),
+        (r"\begin{aligned}a &= b\\ c &= d\\ e &= f\end{aligned}", 3),
+        (r"\begin{align}a &= b \tag{1}\\ c &= d \tag{2}\end{align}", 2),
+    ],
+)
+def test_rows_survive(latex, rows):
+    assert formula_to_mathml(latex, block=True).count("<mtr>") == rows
+
+
+def test_a_tag_stands_beside_its_formula_once():
+    assert formula_to_mathml(r"a = b \tag{7}", block=True).endswith("<span>(7)</span></div>")
+    rows = formula_to_mathml(r"\begin{align}a &= b \tag{1}\\ c &= d \tag{2}\end{align}", block=True)
+    assert (rows.count("(1)"), rows.count("(2)")) == (1, 1)
+
+
+def test_a_command_that_is_not_known_is_named():
+    with pytest.raises(ValueError, match=r"no MathML for \\nosuch in the formula x \\nosuch"):
+        formula_to_mathml(r"x \nosuch")
+
+
+def test_a_page_is_whole_without_a_network():
+    png = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+    notebook = nbformat.v4.new_notebook()
+    notebook.cells = [
+        nbformat.v4.new_markdown_cell("# Fig. 1\n\nInline $a < b$ and\n\n$$c^2$$"),
+        nbformat.v4.new_code_cell(
+            "fig", outputs=[nbformat.v4.new_output("display_data", {"image/png": png}, metadata={})]
+        ),
+    ]
+    page = notebook_to_html(notebook, "03")
+    assert not re.findall(r"<script|<link|@import|src=\"http|url\(\s*['\"]?http", page)
+    assert page.count("<math ") == 2
+    assert 'alt="Figure: Fig. 1"' in page
+    assert "$" not in re.sub(r"<style.*?</style>", "", page, flags=re.DOTALL)

@@ -1,0 +1,130 @@
+"""The runner on a handful of small notebooks: what it makes, what it names, what it leaves alone."""
+
+import csv
+import json
+
+import nbformat
+import pytest
+
+from losbench.resources import data_file as real
+from losbench.workbench.reproduce import reproduce
+
+DRAW = """
+import matplotlib.pyplot as plt
+import losbench as lb
+from losbench import figures
+figures.use_style()
+fig, ax = plt.subplots()
+ax.plot([1, 2, 3])
+figures.save(fig, "liu2026-fig-{0}", seed={0})
+"""
+JUDGE = """
+import losbench as lb
+ledger = lb.Ledger()
+ledger.judge("irls-13", {value}, reading="260 mm")
+ledger.save("{number}")
+"""
+
+
+def write(folder, name, *cells):
+    """Write a notebook whose cells have the ids cell-0, cell-1, ..."""
+    new = nbformat.v4.new_notebook(metadata={"kernelspec": {"name": "python3", "display_name": "Python 3"}})
+    new.cells = [nbformat.v4.new_markdown_cell(f"# Title of {name}\n\n$x^2$", id="title")]
+    new.cells += [nbformat.v4.new_code_cell(source, id=f"cell-{i}") for i, source in enumerate(cells)]
+    folder.mkdir(exist_ok=True)
+    nbformat.write(new, folder / f"{name}.ipynb")
+
+
+@pytest.fixture
+def notebooks(tmp_path):
+    folder = tmp_path / "note books"
+    write(folder, "01-judge", JUDGE.format(value=4.2278, number="01"))
+    return folder
+
+
+def contents(build, *folders):
+    return {
+        p.relative_to(build): p.read_bytes() for f in folders for p in sorted((build / f).rglob("*")) if p.is_file()
+    }
+
+
+def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, monkeypatch):
+    monkeypatch.setattr("losbench.workbench.reproduce._common_inputs", lambda: b"as long as nobody edits the library")
+    notebooks = tmp_path / "note books"
+    write(notebooks, "01-draw", DRAW.format(1), JUDGE.format(value=4.2278, number="01"))
+    write(notebooks, "90-end", "import losbench as lb\nlen(lb.Ledger.collect().findings)")
+    kept = ("figures", "tables", "ledger", "ledger.csv", "ledger.html")
+    first, second = tmp_path / "a", tmp_path / "b"
+    for build in (first, second):
+        result = reproduce(out=build, notebooks=notebooks, workers=1, quiet=True)
+        assert [(run.notebook, run.error, run.reused) for run in result.runs] == [
+            ("01-draw", "", False),
+            ("90-end", "", False),
+        ]
+        assert result.counts == {"pending": 95, "reproduced": 1}
+    assert contents(first, *kept) == contents(second, *kept)
+    assert {p.name for p in (first / "figures").iterdir()} == {
+        f"liu2026-fig-1.{kind}" for kind in ("png", "svg", "json")
+    }
+    assert not [p for p in first.iterdir() if p.name.startswith(".")]
+
+    executed = nbformat.read(first / "notebooks" / "90-end.ipynb", as_version=4)
+    assert executed.cells[1].outputs[0].data["text/plain"] == "1"
+    assert [cell.id for cell in executed.cells] == ["title", "cell-0"]
+    assert "timing" not in json.dumps(executed.metadata)
+    assert "Title of 01-draw" in (first / "html" / "index.html").read_text()
+    page = (first / "html" / "01-draw.html").read_text()
+    assert "<msup>" in page
+    assert "<script" not in page
+    with (first / "ledger.csv").open() as file:
+        assert sum(row["verdict"] == "reproduced" for row in csv.DictReader(file)) == 1
+
+    assert reproduce(["01"], out=first, notebooks=notebooks, quiet=True).runs[0].reused
+    (notebooks / "01-draw.ipynb").unlink()
+    assert reproduce(out=first, notebooks=notebooks, quiet=True).counts == {"pending": 96}
+    assert not contents(first, "figures", "ledger")
+
+
+def test_a_failing_cell_is_named_and_the_others_finish(notebooks, tmp_path):
+    save = (
+        "from losbench.resources import build_folder, write_whole\nwrite_whole(build_folder() / 'tables' / 'a.csv', '')"
+    )
+    write(notebooks, "02-broken", save, "ledger = None\nledger.judge()")
+    build = tmp_path / "build"
+    result = reproduce(["01", "02"], out=build, notebooks=notebooks, quiet=True)
+    assert not result.ok
+    assert {run.notebook: bool(run.error) for run in result.runs} == {"01-judge": False, "02-broken": True}
+    assert "02-broken.ipynb, cell 'cell-1' (number 3): AttributeError: 'NoneType'" in result.summary()
+    assert not contents(build, "tables")
+
+
+def test_a_dead_kernel_and_an_unknown_formula_are_named(tmp_path):
+    folder = tmp_path / "notebooks"
+    write(folder, "01-dead", "import os\nos._exit(3)")
+    write(folder, "02-formula", "1")
+    text = (folder / "02-formula.ipynb").read_text().replace("$x^2$", "$\\\\nosuch$")
+    (folder / "02-formula.ipynb").write_text(text)
+    summary = reproduce(out=tmp_path / "build", notebooks=folder, quiet=True).summary()
+    assert "01-dead.ipynb, cell 'cell-0' (number 2): Kernel died" in summary
+    assert "02-formula.ipynb: ValueError: no MathML for \\nosuch in the formula \\nosuch" in summary
+
+
+def test_a_verdict_other_than_the_accepted_one_fails_the_run(notebooks, tmp_path, monkeypatch):
+    accepted = tmp_path / "verdicts.csv"
+    accepted.write_text("id,verdict\nirls-13,differs\n")
+    monkeypatch.setattr(
+        "losbench.workbench.ledger.data_file", lambda name: accepted if name == accepted.name else real(name)
+    )
+    result = reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, quiet=True)
+    assert not result.ok
+    assert "irls-13: accepted differs, found reproduced" in result.summary()
+    (tmp_path / "build" / "ledger" / "01.json").unlink()
+    again = reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, accept_verdicts=True, quiet=True)
+    assert again.ok
+    assert not again.runs[0].reused
+    assert accepted.read_text() == "id,verdict\nirls-13,reproduced\n"
+
+
+def test_a_selection_that_matches_nothing_is_refused(notebooks, tmp_path):
+    with pytest.raises(ValueError, match="no notebook begins with 44"):
+        reproduce(["44"], out=tmp_path, notebooks=notebooks)
