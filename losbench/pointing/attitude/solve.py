@@ -1,0 +1,244 @@
+"""From shifts to angles: linear blocks, robust or not, and Gauss-Newton on the exact projection."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtrc
+
+from losbench.checks import boolean, choice, finite_or_nan, integer, number, shaped
+from losbench.estimation.losses import Huber, Loss
+from losbench.estimation.robust import RobustFit, irls, lstsq
+from losbench.estimation.robust.scales import Scale
+from losbench.pointing.attitude.blocks import Blocks, distinct_points, uncut
+from losbench.pointing.attitude.result import AttitudeFit
+from losbench.pointing.optics import Model, design_matrix, project
+
+__all__ = ["solve_attitude"]
+
+Floats = NDArray[np.float64]
+
+_EXACT_ROUNDS = 20
+_LONGEST_STEP_RAD = 0.5  # of one exact round
+_TWO_SPOTS = (
+    "with two spots per solve no outlier can be identified: both residuals are equal whichever spot is bad, "
+    "and IRLS gives what least squares gives"
+)
+
+
+def solve_attitude(
+    points: ArrayLike,
+    shifts: ArrayLike,
+    *,
+    model: Model = "pinhole",
+    method: Literal["irls", "ls"] = "irls",
+    loss: Loss = Huber(1.345),  # noqa: B008 - frozen
+    scale: Scale | None = None,
+    sigma: ArrayLike | None = None,
+    stack: int = 1,
+    group: Literal["spot"] | None = "spot",
+    exact: bool = False,
+    max_iter: int = 100,
+) -> AttitudeFit:
+    """Find the rotation that carries reference points into where their spots are seen.
+
+    Parameters
+    ----------
+    points : (n, 3) array, any unit of length
+        Reference points, e.g. from :meth:`Camera.points_mm`; at least two, no two equal. Any two directions will do:
+        spots on one straight line are no worse than others.
+    shifts : (..., n, 2) array, unit of ``points``
+        Displacements of the spots on the image plane. A spot with a NaN is missing from that frame.
+    model : "pinhole" or "paper"
+        Rows of the design matrix, see `design_matrix`.
+    method : "irls" or "ls"
+        Robust, or least squares.
+    loss : loss object
+        For "irls".
+    scale : str, float or callable, optional
+        For "irls", as `irls` takes it. Unless given, "mad", or the known scale where ``sigma`` is given.
+    sigma : float or array that broadcasts to ``shifts``, unit of ``shifts``, optional
+        Standard deviation of each shift. Weighs the rows, makes the covariance absolute and p_value known.
+    stack : int
+        Number of consecutive frames (along the axis before the spots) solved together for common angles. Frames left
+        over make a last, shorter block.
+    group : "spot" or None
+        One weight for x and y of a spot, because a spot goes bad as a whole (and one for both, where a solve has but
+        two spots); or one each, as in liu2026, eq. (9).
+    exact : bool
+        Iterate on the exact projection (Gauss-Newton) instead of solving for small angles once; pinhole only.
+    max_iter : int
+        Limit of the reweighting.
+
+    Returns
+    -------
+    AttitudeFit
+        Angles, covariance and tests lead with the solves; residuals, weights and leverage with the frames.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not match, a shift is infinite, or the points leave a rotation undetermined.
+
+    Warns
+    -----
+    UserWarning
+        If two spots are asked to tell which of them is bad: their residuals are equal, so no weight can.
+    RuntimeWarning
+        If a solve did not converge; its last iterate is kept.
+
+    Notes
+    -----
+    liu2026, eq. (6)-(10): A v = b by least squares, or reweighted with w = min(1, c / abs(r)).
+
+    Examples
+    --------
+    >>> points = [[5.0, 0.0, 260.0], [-5.0, 0.0, 260.0], [0.0, 5.0, 260.0]]
+    >>> angles = np.array([1e-5, -2e-5, 3e-5])
+    >>> shifts = (design_matrix(points) @ angles).reshape(3, 2)
+    >>> solve_attitude(points, shifts).angles.round(12)
+    array([ 1.e-05, -2.e-05,  3.e-05])
+    """
+    p, moved = distinct_points(points), finite_or_nan("shifts", shifts)
+    shaped("shifts", moved, ("...", len(p), 2), why=f"to match {len(p)} points")
+    choice("method", method, ("irls", "ls"))
+    if group is not None:
+        choice("group", group, ("spot",))
+    if boolean("exact", exact) and model != "pinhole":
+        raise ValueError(f"exact must be False with model {model!r}: the exact projection is that of a pinhole")
+    if integer("stack", stack, low=1) > 1 and moved.ndim < 3:
+        raise ValueError(f"shifts must have shape (..., frames, {len(p)}, 2) to be stacked, got {moved.shape}")
+    if method == "irls" and len(p) == 2 and (stack == 1 or moved.shape[-3] == 1):
+        warnings.warn(_TWO_SPOTS, UserWarning, stacklevel=2)
+    if scale is None:
+        scale = "mad" if sigma is None else 1.0
+    recipe = _Recipe(
+        loss=None if method == "ls" else loss,
+        scale=scale if isinstance(scale, str) or callable(scale) else number("scale", scale),
+        by_spot=group == "spot",
+        max_iter=integer("max_iter", max_iter, low=1),
+        known=sigma is not None,
+    )
+    blocks = Blocks.read(p, moved, sigma, stack)
+    fit = _solve_exact(blocks, recipe) if exact else recipe.solve(blocks, design_matrix(p, model)[None], blocks.shifts)
+    failed = int(np.count_nonzero(fit.ok & ~fit.converged))
+    if failed:
+        warnings.warn(
+            f"{failed} of {fit.ok.size} attitudes did not converge; their last iterate is kept, see .converged",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return _restored(fit, blocks.batch, moved.shape)
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """How to solve linear blocks; without a loss by least squares."""
+
+    loss: Loss | None
+    scale: Scale
+    by_spot: bool
+    max_iter: int
+    known: bool
+
+    def solve(self, blocks: Blocks, rows: Floats, shifts: Floats) -> AttitudeFit:
+        """Solve blocks with rows (B or 1, 2n, 3) of one frame for shifts (B, m, 2).
+
+        Blocks that miss equally many spots are one batch: what is missing is left out, not given a zero.
+        """
+        count, size, _ = shifts.shape
+        design = np.tile(rows.reshape(len(rows), -1, 2, 3), (1, blocks.stack, 1, 1)) / blocks.sigma[..., None]
+        white = shifts / blocks.sigma
+        sigma = np.broadcast_to(blocks.sigma, shifts.shape)
+        spots = np.count_nonzero(blocks.present, axis=1)
+        fit = _unsolved(count, size, ok=blocks.ok, redundancy=2 * spots - 3)
+        for seen in np.unique(spots[fit.ok]):
+            members = np.flatnonzero(fit.ok & (spots == seen))
+            chosen = np.argsort(~blocks.present[members], axis=1, kind="stable")[:, :seen]
+            block = members[:, None]
+            if seen == size and len(design) == 1:
+                matrix = design.reshape(-1, 3)
+            else:
+                matrix = design[block if len(design) > 1 else 0, chosen].reshape(len(members), -1, 3)
+            right = white[block, chosen].reshape(len(members), -1)
+            solved = self._fit(matrix, right)
+            fit.angles[members], fit.cov[members] = solved.x, solved.cov
+            fit.scale[members], fit.converged[members] = solved.scale, solved.converged
+            fit.weights[block, chosen] = solved.weights.reshape(*chosen.shape, 2)
+            fit.leverage[block, chosen] = solved.leverage.reshape(*chosen.shape, 2)
+            fit.residuals[block, chosen] = solved.residuals.reshape(*chosen.shape, 2) * sigma[block, chosen]
+            if self.known:
+                least = solved if self.loss is None else lstsq(matrix, right)
+                fit.p_value[members] = chdtrc(least.dof, np.vecdot(least.residuals, least.residuals))
+        return fit
+
+    def _fit(self, matrix: Floats, right: Floats) -> RobustFit:
+        if self.loss is None:
+            return lstsq(matrix, right, scale=1.0 if self.known else None)
+        return irls(
+            matrix,
+            right,
+            loss=self.loss,
+            scale=self.scale,
+            group=_spot_labels(right.shape[1]) if self.by_spot else None,
+            max_iter=self.max_iter,
+            on_fail="ignore",
+        )
+
+
+def _spot_labels(rows: int) -> NDArray[np.intp]:
+    """One label per spot; one for all of two spots, whose residuals are equal: to doubt one is to doubt both."""
+    return np.arange(rows) // 2 if rows > 4 else np.zeros(rows, dtype=np.intp)
+
+
+def _solve_exact(blocks: Blocks, recipe: _Recipe) -> AttitudeFit:
+    """Gauss-Newton on the exact projection; its derivative is the design matrix of where the spots have got to."""
+    from scipy.spatial.transform import Rotation  # half the time that `import losbench` may take
+
+    angles = np.zeros((len(blocks.shifts), 3))
+    tiny = 1e-14 * np.abs(blocks.points).max()
+    for _ in range(_EXACT_ROUNDS):
+        seen = project(blocks.points, angles)
+        rows = design_matrix(seen)
+        ahead = (seen - blocks.points)[..., :2] - np.matvec(rows, angles).reshape(*seen.shape[:-1], 2)
+        fit = recipe.solve(blocks, rows, blocks.shifts - np.tile(ahead, (1, blocks.stack, 1)))
+        step = np.where(fit.ok[:, None], fit.angles - angles, 0.0)
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        step *= np.minimum(1.0, _LONGEST_STEP_RAD / np.maximum(length, _LONGEST_STEP_RAD))
+        turned = (Rotation.from_rotvec(step) * Rotation.from_rotvec(angles)).as_rotvec()
+        visible = np.all(np.isfinite(project(blocks.points, turned)), axis=(1, 2))
+        angles = np.where(visible[:, None], turned, angles)
+        moved = np.abs(np.matvec(rows, step)).max(axis=1)
+        settled = visible & (moved <= 1e-9 * np.abs(np.matvec(rows, angles)).max(axis=1) + tiny)
+        if settled.all():
+            break
+    return replace(fit, angles=np.where(fit.ok[:, None], angles, np.nan), converged=fit.converged & settled)
+
+
+def _unsolved(count: int, size: int, *, ok: NDArray[np.bool_], redundancy: NDArray[np.int64]) -> AttitudeFit:
+    return AttitudeFit(
+        angles=np.full((count, 3), np.nan),
+        cov=np.full((count, 3, 3), np.nan),
+        residuals=np.full((count, size, 2), np.nan),
+        weights=np.zeros((count, size, 2)),
+        leverage=np.full((count, size, 2), np.nan),
+        redundancy=redundancy,
+        p_value=np.full(count, np.nan),
+        scale=np.full(count, np.nan),
+        converged=np.zeros(count, dtype=bool),
+        ok=ok,
+    )
+
+
+def _restored(fit: AttitudeFit, batch: tuple[int, ...], shape: tuple[int, ...]) -> AttitudeFit:
+    """Give the batch its axes back, and the frames of the given shape their places."""
+    restored: dict[str, Any] = {}
+    for field in fields(fit):
+        value = getattr(fit, field.name)
+        by_frame = field.name in {"residuals", "weights", "leverage"}
+        restored[field.name] = uncut(value, shape) if by_frame else value.reshape(batch + value.shape[1:])
+    return AttitudeFit(**restored)
