@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,16 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import choice, finite, integer, number
 from losbench.estimation.losses import Huber, Loss, psi_deriv
-from losbench.estimation.robust.problem import Problem, combine, project, read_problem, spd_inverse
+from losbench.estimation.robust.iterate import Groups, Method, blocks, floor, iterate
+from losbench.estimation.robust.problem import Problem, products, project, read_problem, spd_inverse
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import Scale, ScaleRule
 
 __all__ = ["irls", "lstsq"]
 
 Floats = NDArray[np.float64]
-
-_ROUNDING = 64 * np.finfo(float).eps  # residuals of a perfect fit stay below this part of the largest abs y
-_CHUNK_ELEMENTS = 2**18  # residuals worked on at once: bounds the memory, keeps the arrays near the processor
 
 
 def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None) -> RobustFit:
@@ -63,19 +60,20 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
     if scale is None:
         with np.errstate(divide="ignore", invalid="ignore"):
             working = np.where(dof > 0, np.sqrt(np.vecdot(residuals, residuals) / dof), np.nan)
-        working = np.maximum(working, _floor(problem))
+        working = np.maximum(working, floor(problem.y))
     else:
         working = ScaleRule(scale, problem.batch, problem.y_unit)(residuals, np.arange(len(residuals)))
-    solved = _Solved(
-        z=z,
-        residuals=residuals,
-        weights=np.broadcast_to(1.0, residuals.shape),
-        scale=working,
-        cov=working[:, None, None] ** 2 * (problem.to_x @ np.swapaxes(problem.to_x, 1, 2)),
+    cov = working[:, None, None] ** 2 * (problem.to_x @ np.swapaxes(problem.to_x, 1, 2))
+    weights = np.broadcast_to(1.0, residuals.shape)
+    return _result(
+        problem,
+        z,
+        (residuals, weights, working, cov),
         n_iter=np.zeros(len(z), dtype=np.int64),
         converged=np.ones(len(z), dtype=bool),
+        loss="least squares",
+        scale_method="sqrt(RSS/dof)" if scale is None else "given",
     )
-    return _result(problem, solved, loss="least squares", scale_method="sqrt(RSS/dof)" if scale is None else "given")
 
 
 def irls(
@@ -105,8 +103,8 @@ def irls(
         "std" (population; the one of liu2026), "std1" (sample), "rms" (about zero); a known value in the unit of y; or
         a callable that turns residuals (b, n) into scales (b,).
     group : (n,) labels, optional
-        Rows with the same label share one weight (the x and y of a spot): u is then the Euclidean norm of the group's
-        residuals over the scale. Estimated scales still come from single rows.
+        Rows with the same label share one weight (the x and y of a spot): u is then the root mean square of the group's
+        residuals over the scale, so that the scale stays that of a single row. Estimated scales still come from single rows.
     x0 : (p,) or (..., p) array, optional
         Start; least squares otherwise. It matters for losses that redescend.
     max_iter, tol : int, float
@@ -142,140 +140,49 @@ def irls(
     array([False, False, False, False,  True])
     """
     problem = read_problem(A, y)
-    method = _Method(
+    method = Method(
         _checked_loss(loss),
         ScaleRule(scale, problem.batch, problem.y_unit),
-        None if group is None else _Groups.read(group, problem.y.shape[1]),
+        None if group is None else Groups.read(group, problem.y.shape[1]),
         integer("max_iter", max_iter, low=1),
         number("tol", tol, low=0.0),
     )
     choice("on_fail", on_fail, ("warn", "raise", "ignore"))
     start = problem.least_squares() if x0 is None else _start(problem, x0)
-    count, n = problem.y.shape
-    size = max(1, _CHUNK_ELEMENTS // n)
-    parts = [slice(first, first + size) for first in range(0, count, size)]
-    chunks = [_iterate(problem.chunk(part), method, start[part], np.arange(count)[part]) for part in parts]
-    solved = _Solved.join(chunks)
-    _report(solved.converged, method.max_iter, on_fail)
-    labels = None if method.groups is None else method.groups.labels
-    return _result(problem, solved, loss=_name(loss), scale_method=method.scale.name, group=labels)
+    z, n_iter, settled = iterate(problem, method, start)
+    parts = [_finish(problem.part(part), method, z[part], part) for part in blocks(*problem.y.shape)]
+    residuals, weights, working, cov = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
+    _report(converged, method.max_iter, on_fail)
+    return _result(
+        problem,
+        z,
+        (residuals, weights, working, cov),
+        n_iter=n_iter,
+        converged=converged,
+        loss=_name(loss),
+        scale_method=method.scale.name,
+        group=None if method.groups is None else method.groups.labels,
+    )
 
 
-@dataclass(frozen=True)
-class _Groups:
-    """Rows that share a weight."""
-
-    labels: NDArray[np.intp]  # (n,), 0 .. number of groups - 1
-    order: NDArray[np.intp]  # rows sorted by group
-    first: NDArray[np.intp]  # where each group begins in that order
-
-    @classmethod
-    def read(cls, group: ArrayLike, n: int) -> _Groups:
-        given = np.asarray(group)
-        if given.shape != (n,):
-            raise ValueError(f"group must have shape ({n},) to match the {n} rows of A, got {given.shape}")
-        _, labels = np.unique(given, return_inverse=True)
-        order = np.argsort(labels, kind="stable")
-        return cls(labels, order, np.flatnonzero(np.diff(labels[order], prepend=-1)))
-
-    def root_mean_squares(self, residuals: Floats) -> Floats:
-        """Root mean square of each row's group, (b, n)."""
-        return np.sqrt(np.add.reduceat(residuals[:, self.order] ** 2, self.first, axis=1))[:, self.labels]
-
-    def sizes(self) -> NDArray[np.intp]:
-        """Number of rows in each row's group, (n,)."""
-        return np.bincount(self.labels)[self.labels]
-
-
-@dataclass(frozen=True)
-class _Method:
-    """How to iterate."""
-
-    loss: Loss
-    scale: ScaleRule
-    groups: _Groups | None
-    max_iter: int
-    tol: float
-
-    def scaled(self, residuals: Floats, scale: Floats) -> Floats:
-        """What the loss sees of each row, (b, n)."""
-        size = residuals if self.groups is None else self.groups.root_mean_squares(residuals)
-        return size / scale[:, None]
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """Solution of a flattened batch, in scaled units."""
-
-    z: Floats
-    residuals: Floats
-    weights: Floats
-    scale: Floats
-    cov: Floats
-    n_iter: NDArray[np.int64]
-    converged: NDArray[np.bool_]
-
-    @classmethod
-    def join(cls, parts: list[_Solved]) -> _Solved:
-        if len(parts) == 1:
-            return parts[0]
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in cls.__annotations__})
-
-
-def _iterate(problem: Problem, method: _Method, z: Floats, systems: NDArray[np.intp]) -> _Solved:
-    """Reweight and solve until every system has settled; settled ones leave the batch in batches."""
-    count, p = z.shape
-    final, n_iter = z.copy(), np.full(count, method.max_iter)
-    converged = np.zeros(count, dtype=bool)
-    products, unused = _products(problem.basis), _unused(problem)
-    active, waiting = np.arange(count), np.ones(count, dtype=bool)
-    basis, y, floor = problem.basis, problem.y, _floor(problem)
-    for iteration in range(1, method.max_iter + 1):
-        residuals = combine(z, basis) - y
-        scale = np.maximum(method.scale(residuals, systems[active]), floor)
-        weights = method.loss.weights(method.scaled(residuals, scale))
-        inverse = spd_inverse(project(products, weights) + unused, p)
-        step = np.matvec(inverse, project(basis, weights * residuals))
-        z = z - step
-        size = np.maximum(np.sqrt(np.vecdot(z, z)), scale * np.sqrt(p))
-        settled = waiting & (np.sqrt(np.vecdot(step, step)) <= method.tol * size)
-        final[active[settled]], n_iter[active[settled]], converged[active[settled]] = z[settled], iteration, True
-        waiting &= ~settled
-        left = np.count_nonzero(waiting)
-        if left == 0:
-            break
-        if left < 0.85 * len(waiting):
-            if len(basis) > 1:
-                basis, products, unused = basis[waiting], products[waiting], unused[waiting]
-            active, z, y, floor = active[waiting], z[waiting], y[waiting], floor[waiting]
-            waiting = waiting[waiting]
-    final[active[waiting]] = z[waiting]
-    return _finish(problem, method, final, n_iter, converged, systems)
-
-
-def _finish(
-    problem: Problem,
-    method: _Method,
-    z: Floats,
-    n_iter: NDArray[np.int64],
-    converged: NDArray[np.bool_],
-    systems: NDArray[np.intp],
-) -> _Solved:
+def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[Floats, Floats, Floats, Floats]:
+    """Residuals, weights, scale and covariance at coordinates ``z``, scaled."""
+    systems = np.arange(part.start, part.start + len(z))
     residuals = problem.residuals(z)
-    scale = np.maximum(method.scale(residuals, systems), _floor(problem))
+    scale = np.maximum(method.scale(residuals, systems), floor(problem.y))
     u = method.scaled(residuals, scale)
     weights = method.loss.weights(u)
     if method.scale.known:
-        inverse = spd_inverse(project(_products(problem.basis), weights) + _unused(problem), z.shape[1])
+        inverse = spd_inverse(project(products(problem.basis), weights) + problem.unused(), z.shape[1])
         cov = scale[:, None, None] ** 2 * (problem.to_x @ inverse @ np.swapaxes(problem.to_x, 1, 2))
     else:
         slope = psi_deriv(method.loss, u)
         if method.groups is not None:
-            slope = weights + (slope - weights) / method.groups.sizes()
+            slope = weights + (slope - weights) / method.groups.sizes
         spread = _kappa_variance(residuals * weights, slope, problem.rank)
         cov = spread[:, None, None] * (problem.to_x @ np.swapaxes(problem.to_x, 1, 2))
-    enough = np.count_nonzero(weights, axis=1) >= problem.rank
-    return _Solved(z, residuals, weights, scale, cov, n_iter, converged & enough)
+    return residuals, weights, scale, cov
 
 
 def _kappa_variance(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Floats:
@@ -287,46 +194,33 @@ def _kappa_variance(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Fl
         return np.where(rank < n, np.vecdot(pulls, pulls) / (n - rank) * (kappa / mean) ** 2, np.nan)
 
 
-def _products(basis: Floats) -> Floats:
-    """Products of all pairs of basis rows, (B or 1, p (p + 1) / 2, n): weighted sums of them make Q'WQ."""
-    count, p, n = basis.shape
-    products = np.empty((count, p * (p + 1) // 2, n))
-    for k, (i, j) in enumerate(zip(*np.triu_indices(p), strict=True)):
-        np.multiply(basis[:, i], basis[:, j], out=products[:, k])
-    return products
-
-
-def _unused(problem: Problem) -> Floats:
-    """Ones on the diagonal of Q'WQ for directions beyond the rank, whose rows of Q are zero."""
-    p = problem.basis.shape[1]
-    first, second = np.triu_indices(p)
-    return ((first == second) & (first >= problem.rank[:, None])).astype(np.float64)
-
-
-def _floor(problem: Problem) -> Floats:
-    return np.maximum(_ROUNDING * np.abs(problem.y).max(axis=1), np.finfo(float).tiny)
-
-
-def _result(problem: Problem, solved: _Solved, **labels: Any) -> RobustFit:
-    """From scaled units and a flat batch to the user's."""
-    n, p = problem.y.shape[1], problem.basis.shape[1]
-    batch = problem.batch
-    unit = problem.y_unit
-    per_system = (len(unit),)
-    rank = np.broadcast_to(problem.rank, per_system)
-    leverage = np.vecdot(problem.basis, problem.basis, axis=1)
+def _result(
+    problem: Problem,
+    z: Floats,
+    scaled: tuple[Floats, Floats, Floats, Floats],
+    *,
+    n_iter: NDArray[np.int64],
+    converged: NDArray[np.bool_],
+    **labels: Any,
+) -> RobustFit:
+    """From scaled units and a flat batch to the user's; ``scaled`` as `_finish` gives it."""
+    residuals, weights, scale, cov = scaled
+    count, n = problem.y.shape
+    p, batch = z.shape[1], problem.batch
+    rank = np.broadcast_to(problem.rank, count)
+    leverage = np.broadcast_to(np.vecdot(problem.basis, problem.basis, axis=1), (count, n))
     x_unit = problem.x_unit
     with np.errstate(over="ignore", under="ignore"):
         return RobustFit(
-            x=problem.unknowns(solved.z).reshape(*batch, p),
-            residuals=(solved.residuals * unit[:, None]).reshape(*batch, n),
-            weights=solved.weights.reshape(*batch, n),
-            scale=(solved.scale * unit).reshape(batch),
-            cov=(solved.cov * x_unit[:, :, None] * x_unit[:, None, :]).reshape(*batch, p, p),
+            x=problem.unknowns(z).reshape(*batch, p),
+            residuals=(residuals * problem.y_unit[:, None]).reshape(*batch, n),
+            weights=weights.reshape(*batch, n),
+            scale=(scale * problem.y_unit).reshape(batch),
+            cov=(cov * x_unit[:, :, None] * x_unit[:, None, :]).reshape(*batch, p, p),
             dof=(n - rank).reshape(batch),
-            n_iter=solved.n_iter.reshape(batch),
-            converged=solved.converged.reshape(batch),
-            leverage=np.broadcast_to(leverage, (*per_system, n)).reshape(*batch, n),
+            n_iter=n_iter.reshape(batch),
+            converged=converged.reshape(batch),
+            leverage=leverage.reshape(*batch, n),
             rank=rank.reshape(batch),
             **labels,
         )

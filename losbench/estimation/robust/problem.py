@@ -8,19 +8,20 @@ conditioned as the weights allow, whatever A was, and a step of Newton's kind ne
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import finite
 
-__all__ = ["Problem", "combine", "project", "read_problem", "spd_inverse"]
+__all__ = ["Problem", "combine", "products", "project", "read_problem", "spd_inverse"]
 
 Floats = NDArray[np.float64]
 
 _CLOSED_FORM_COLUMNS = 3
 _NEARLY_PARALLEL = 1e-4  # sine of the angle to earlier columns below which Gram-Schmidt hands over to the SVD
-_NEARLY_SINGULAR = 1e-10  # determinant, relative to the mean eigenvalue, below which the closed form hands over
+_NEARLY_SINGULAR = 1e-12  # determinant, relative to the trace to the power p, below which the closed form hands over
 
 
 @dataclass(frozen=True)
@@ -58,18 +59,24 @@ class Problem:
         """Coordinates in the basis of unknowns ``x`` (B, p) in the user's units."""
         return project(self.basis, combine(x / self.x_unit, self.columns))
 
-    def chunk(self, part: slice) -> Problem:
-        """Some of the systems."""
-        own = part if len(self.columns) > 1 else slice(None)
+    def unused(self) -> Floats:
+        """Ones on the diagonal of Q'WQ, packed, for directions beyond the rank, whose rows of Q are zero."""
+        first, second = np.triu_indices(self.basis.shape[1])
+        return ((first == second) & (first >= self.rank[:, None])).astype(np.float64)
+
+    def part(self, systems: slice | NDArray[np.intp]) -> Problem:
+        """Some of the systems, as a flat batch."""
+        own = systems if len(self.basis) > 1 else slice(None)
+        y = self.y[systems]
         return Problem(
-            self.columns[own],
-            self.basis[own],
-            self.to_x[own],
-            self.rank[own],
-            self.y[part],
-            self.column_unit[own],
-            self.y_unit[part],
-            (len(self.y[part]),),
+            columns=self.columns[own],
+            basis=self.basis[own],
+            to_x=self.to_x[own],
+            rank=self.rank[own],
+            y=y,
+            column_unit=self.column_unit[own],
+            y_unit=self.y_unit[systems],
+            batch=(len(y),),
         )
 
 
@@ -105,41 +112,53 @@ def combine(coefficients: Floats, rows: Floats) -> Floats:
     return coefficients @ rows[0] if len(rows) == 1 else np.vecmat(coefficients, rows)
 
 
+def products(basis: Floats) -> Floats:
+    """Products of all pairs of basis rows, (B or 1, p (p + 1) / 2, n): their weighted sums are Q'WQ, packed."""
+    count, p, n = basis.shape
+    pairs = np.empty((count, p * (p + 1) // 2, n))
+    for k, (i, j) in enumerate(zip(*np.triu_indices(p), strict=True)):
+        np.multiply(basis[:, i], basis[:, j], out=pairs[:, k])
+    return pairs
+
+
 def spd_inverse(packed: Floats, p: int) -> Floats:
     """Inverse (B, p, p) of symmetric matrices given by their upper triangles (B, p (p + 1) / 2).
 
     Closed form for p <= 3 while the matrix is well conditioned, pseudo-inverse by eigenvalues otherwise: a direction
     that no row determines gets a zero, never a NaN.
     """
-    first, second = np.triu_indices(p)
-    diagonal = first == second
-    level = np.maximum(packed[:, diagonal].mean(axis=1), np.finfo(float).tiny)
-    packed = packed / level[:, None]
-    if p <= _CLOSED_FORM_COLUMNS:
-        adjugate, determinant = _adjugate(packed, p)
-        safe = determinant > _NEARLY_SINGULAR
-        flat = adjugate / np.where(safe, determinant * level, 1.0)[:, None]
-    else:
-        flat, safe = np.empty_like(packed), np.zeros(len(packed), dtype=bool)
-    square = np.empty((len(packed), p, p))
-    square[:, first, second] = square[:, second, first] = flat
+    place = _places(p)
+    if p > _CLOSED_FORM_COLUMNS:
+        return np.linalg.pinv(packed[:, place], rcond=1e-14, hermitian=True)
+    adjugate, determinant, trace = _adjugate(np.ascontiguousarray(packed.T))
+    safe = determinant > _NEARLY_SINGULAR * trace**p
+    inverse = (adjugate / np.where(safe, determinant, 1.0)).T[:, place]
     if not safe.all():
-        matrix = np.empty((int((~safe).sum()), p, p))
-        matrix[:, first, second] = matrix[:, second, first] = packed[~safe]
-        square[~safe] = np.linalg.pinv(matrix, rcond=1e-14, hermitian=True) / level[~safe, None, None]
-    return square
+        inverse[~safe] = np.linalg.pinv(packed[~safe][:, place], rcond=1e-14, hermitian=True)
+    return inverse
 
 
-def _adjugate(packed: Floats, p: int) -> tuple[Floats, Floats]:
-    if p == 1:
-        return np.ones_like(packed), packed[:, 0]
-    if p == 2:
-        a, b, c = packed.T
-        return np.stack([c, -b, a], axis=1), a * c - b * b
-    a, b, c, d, e, f = packed.T
-    first = d * f - e * e, c * e - b * f, b * e - c * d
-    adjugate = np.stack([*first, a * f - c * c, b * c - a * e, a * d - b * b], axis=1)
-    return adjugate, a * first[0] + b * first[1] + c * first[2]
+@cache
+def _places(p: int) -> NDArray[np.intp]:
+    """Where the elements of a symmetric (p, p) matrix are in its packed upper triangle."""
+    first, second = np.triu_indices(p)
+    places = np.empty((p, p), dtype=np.intp)
+    places[first, second] = places[second, first] = np.arange(len(first))
+    return places
+
+
+def _adjugate(packed: Floats) -> tuple[Floats, Floats, Floats]:
+    """Packed adjugates, determinants and traces of packed (k, B) matrices."""
+    if len(packed) == 1:
+        return np.ones_like(packed), packed[0], packed[0]
+    if len(packed) == 3:
+        a, b, c = packed
+        return np.stack([c, -b, a]), a * c - b * b, a + c
+    a, b, c, d, e, f = packed
+    adjugate = np.stack(
+        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b],
+    )
+    return adjugate, a * adjugate[0] + b * adjugate[1] + c * adjugate[2], a + d + f
 
 
 def _scaled(rows: Floats) -> tuple[Floats, Floats]:

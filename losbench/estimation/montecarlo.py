@@ -1,0 +1,108 @@
+"""Monte Carlo in chunks that do not care who runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from losbench.checks import boolean, integer
+
+__all__ = ["monte_carlo"]
+
+Trial = Callable[[np.random.Generator, int], Mapping[str, ArrayLike]]
+
+
+def monte_carlo(
+    trial: Trial,
+    n: int,
+    *,
+    seed: int,
+    executor: Any = None,
+    chunk: int = 1000,
+    progress: bool = False,
+) -> dict[str, NDArray[Any]]:
+    """Run ``n`` trials, in chunks that each have their own random stream.
+
+    Parameters
+    ----------
+    trial : callable
+        ``trial(rng, size)`` runs ``size`` trials at once and returns a dict of arrays (size, ...).
+    n : int
+        Number of trials.
+    seed : int
+        Root of the streams: chunk k draws from child k of ``SeedSequence(seed)``.
+    executor : optional
+        Anything with the ``map`` or ``submit`` of concurrent.futures: a pool of threads or processes, or what a dask
+        client's ``get_executor()`` returns. The result has the same bits with any of them, and with none.
+    chunk : int
+        Trials per call. It is part of the recipe: another chunk size draws other numbers.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    dict of (n, ...) arrays
+
+    Raises
+    ------
+    ValueError
+        If a count is not a positive whole number, or a trial returns arrays of the wrong length or other names than
+        the first chunk.
+    TypeError
+        If the executor has neither ``map`` nor ``submit``.
+
+    Examples
+    --------
+    >>> def throw(rng, size):
+    ...     return {"x": rng.standard_normal(size)}
+    >>> bool(abs(monte_carlo(throw, 4000, seed=1)["x"].mean()) < 0.05)
+    True
+    """
+    count, size = integer("n", n, low=1), integer("chunk", chunk, low=1)
+    sizes = [min(size, count - first) for first in range(0, count, size)]
+    streams = np.random.SeedSequence(integer("seed", seed, low=0)).spawn(len(sizes))
+    results = _run(partial(_chunk, trial), streams, sizes, executor)
+    if boolean("progress", progress):
+        from tqdm.auto import tqdm
+
+        results = tqdm(results, total=len(sizes), unit="chunk")
+    return _join(list(results))
+
+
+def _chunk(trial: Trial, stream: np.random.SeedSequence, size: int) -> dict[str, NDArray[Any]]:
+    result = {name: np.asarray(values) for name, values in trial(np.random.default_rng(stream), size).items()}
+    for name, values in result.items():
+        if values.shape[:1] != (size,):
+            raise ValueError(f"trial must return arrays ({size}, ...) for size={size}, got {name} with {values.shape}")
+    return result
+
+
+def _run(
+    work: Callable[..., dict[str, NDArray[Any]]],
+    streams: list[np.random.SeedSequence],
+    sizes: list[int],
+    executor: Any,
+) -> Iterable[dict[str, NDArray[Any]]]:
+    if executor is None:
+        return map(work, streams, sizes)
+    if hasattr(executor, "submit"):
+        return _results([executor.submit(work, *job) for job in zip(streams, sizes, strict=True)])
+    if hasattr(executor, "map"):
+        return executor.map(work, streams, sizes)
+    raise TypeError(f"executor must have a method map or submit, got {type(executor).__name__}")
+
+
+def _results(futures: list[Any]) -> Iterator[dict[str, NDArray[Any]]]:
+    return (future.result() for future in futures)
+
+
+def _join(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    names = list(parts[0])
+    for part in parts:
+        if set(part) != set(names):
+            raise ValueError(f"trial must return the same names every time, got {names} and {list(part)}")
+    return {name: np.concatenate([part[name] for part in parts]) for name in names}
