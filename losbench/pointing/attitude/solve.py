@@ -22,6 +22,8 @@ __all__ = ["solve_attitude"]
 
 Floats = NDArray[np.float64]
 
+_PER_SHIFT = ("residuals", "weights", "leverage")
+_PER_SOLVE = ("angles", "cov", "redundancy", "p_value", "scale", "converged")
 _EXACT_ROUNDS = 20
 _LONGEST_STEP_RAD = 0.5  # of one exact round
 _TWO_SPOTS = (
@@ -152,29 +154,44 @@ class _Recipe:
         """
         count, size, _ = shifts.shape
         design = np.tile(rows.reshape(len(rows), -1, 2, 3), (1, blocks.stack, 1, 1)) / blocks.sigma[..., None]
-        white = shifts / blocks.sigma
+        if blocks.present.all():
+            return self._solve_whole(design if len(design) > 1 else design[0], shifts, blocks.sigma)
         sigma = np.broadcast_to(blocks.sigma, shifts.shape)
         spots = np.count_nonzero(blocks.present, axis=1)
         fit = _unsolved(count, size, ok=blocks.ok, redundancy=2 * spots - 3)
         for seen in np.unique(spots[fit.ok]):
             members = np.flatnonzero(fit.ok & (spots == seen))
             chosen = np.argsort(~blocks.present[members], axis=1, kind="stable")[:, :seen]
-            block = members[:, None]
-            if seen == size and len(design) == 1:
-                matrix = design.reshape(-1, 3)
-            else:
-                matrix = design[block if len(design) > 1 else 0, chosen].reshape(len(members), -1, 3)
-            right = white[block, chosen].reshape(len(members), -1)
-            solved = self._fit(matrix, right)
-            fit.angles[members], fit.cov[members] = solved.x, solved.cov
-            fit.scale[members], fit.converged[members] = solved.scale, solved.converged
-            fit.weights[block, chosen] = solved.weights.reshape(*chosen.shape, 2)
-            fit.leverage[block, chosen] = solved.leverage.reshape(*chosen.shape, 2)
-            fit.residuals[block, chosen] = solved.residuals.reshape(*chosen.shape, 2) * sigma[block, chosen]
-            if self.known:
-                least = solved if self.loss is None else lstsq(matrix, right)
-                fit.p_value[members] = chdtrc(least.dof, np.vecdot(least.residuals, least.residuals))
+            places = members[:, None], chosen
+            matrix = design[places] if len(design) > 1 else design[0, chosen if seen < size else slice(None)]
+            part = self._solve_whole(matrix, shifts[places], sigma[places])
+            for name in _PER_SOLVE:
+                getattr(fit, name)[members] = getattr(part, name)
+            for name in _PER_SHIFT:
+                getattr(fit, name)[places] = getattr(part, name)
         return fit
+
+    def _solve_whole(self, design: Floats, shifts: Floats, sigma: Floats) -> AttitudeFit:
+        """Solve blocks (B, m, 2) that miss nothing, with whitened rows (m, 2, 3) or (B, m, 2, 3)."""
+        count, size, _ = shifts.shape
+        matrix, right = design.reshape(*design.shape[:-3], -1, 3), (shifts / sigma).reshape(count, -1)
+        solved = self._fit(matrix, right)
+        p_value = np.full(count, np.nan)
+        if self.known:
+            least = solved if self.loss is None else lstsq(matrix, right)
+            p_value = chdtrc(least.dof, np.vecdot(least.residuals, least.residuals))
+        return AttitudeFit(
+            angles=solved.x,
+            cov=solved.cov,
+            residuals=solved.residuals.reshape(shifts.shape) * sigma,
+            weights=solved.weights.reshape(shifts.shape),
+            leverage=solved.leverage.reshape(shifts.shape),
+            redundancy=np.full(count, 2 * size - 3),
+            p_value=p_value,
+            scale=solved.scale,
+            converged=solved.converged,
+            ok=np.ones(count, dtype=bool),
+        )
 
     def _fit(self, matrix: Floats, right: Floats) -> RobustFit:
         if self.loss is None:
@@ -239,6 +256,6 @@ def _restored(fit: AttitudeFit, batch: tuple[int, ...], shape: tuple[int, ...]) 
     restored: dict[str, Any] = {}
     for field in fields(fit):
         value = getattr(fit, field.name)
-        by_frame = field.name in {"residuals", "weights", "leverage"}
+        by_frame = field.name in _PER_SHIFT
         restored[field.name] = uncut(value, shape) if by_frame else value.reshape(batch + value.shape[1:])
     return AttitudeFit(**restored)
