@@ -283,11 +283,19 @@ class Ledger:
             for verdict, meaning in VERDICTS.items()
         )
         head = "".join(f"<th>{name}</th>" for name in COLUMNS)
-        return _PAGE.format(key=key, head=head, body=_html_rows(self.rows()), total=len(self.claims))
+        body = "\n".join(_html_row(row) for row in self.rows())
+        return _PAGE.format(key=key, head=head, body=body, total=len(self.claims))
 
-    def _repr_html_(self) -> str:
-        head = "".join(f"<th>{name}</th>" for name in COLUMNS)
-        return f"<table><tr>{head}</tr>{_html_rows(self.rows(judged=True))}</table>"
+    def summary(self, verdict: str | None = None) -> str:
+        """Return one line per claim, or per claim of one verdict, and how many there are of each, as text."""
+        rows = [row for row in self.rows() if verdict in (None, row["verdict"])]
+        lines = [
+            f"{row['id']:<12} {row['verdict']:<11} {row['quantity']}: {row['relation']} {row['claimed']} {row['unit']}"
+            + f", ours {row['ours']}" * bool(row["ours"])
+            for row in rows
+        ]
+        counts = Counter(row["verdict"] for row in rows)
+        return "\n".join([*lines, "", ", ".join(f"{counts[name]} {name}" for name in VERDICTS if counts[name])])
 
     def _claim(self, id_: str) -> Claim:
         if id_ not in self.claims:
@@ -345,13 +353,10 @@ def _csv(columns: Iterable[str], rows: Iterable[Mapping[str, str]]) -> str:
     return text.getvalue()
 
 
-def _html_rows(rows: Iterable[Mapping[str, str]]) -> str:
-    return "\n".join(
-        f'<tr id="{row["id"]}">'
-        + "".join(f'<td class="{row["verdict"] if c == "verdict" else c}">{escape(row[c])}</td>' for c in COLUMNS)
-        + "</tr>"
-        for row in rows
-    )
+def _html_row(row: Mapping[str, str]) -> str:
+    classes = {**{column: column for column in COLUMNS}, "verdict": row["verdict"]}
+    cells = "".join(f'<td class="{classes[column]}">{escape(row[column])}</td>' for column in COLUMNS)
+    return f'<tr id="{row["id"]}">{cells}</tr>'
 
 
 _PAGE = """<!doctype html>

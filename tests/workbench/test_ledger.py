@@ -114,6 +114,10 @@ def test_parts_join_into_one_table_that_does_not_see_rounding_noise(claims):
     assert rows[0]["ours"] == "0.1"
     assert rows[0]["evidence"] == "Notebook 03. 5000 trials"
     assert "commas, and &lt;tags&gt;" in joined.to_html()
+    assert joined.summary("calibrated").splitlines() == [
+        *("a-2          calibrated  one digit: = 0.1 px, ours 0.1", "", "1 calibrated")
+    ]
+    assert joined.summary().endswith("1 reproduced, 1 calibrated, 1 untestable, 3 pending")
 
 
 def test_notebooks_that_disagree_are_named(claims):

@@ -1,0 +1,82 @@
+"""What every public name, notebook and tracked file keeps to."""
+
+import ast
+import inspect
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import losbench as lb
+from losbench.resources import notebook_folder
+
+ROOT = Path(__file__).resolve().parent.parent
+STUB = Path(lb.__file__).with_name("__init__.pyi")
+PUBLIC = [
+    alias.asname
+    for node in ast.parse(STUB.read_text(encoding="utf-8")).body
+    if isinstance(node, ast.ImportFrom)
+    for alias in node.names
+]
+NOTEBOOKS = sorted(notebook_folder().glob("*.ipynb"))
+SHAPE = re.compile(r"\) array|shape \(")
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_a_public_name_is_documented_and_typed(name):
+    thing = getattr(lb, name)
+    text = inspect.getdoc(thing) or ""
+    assert len(text.splitlines()[0]) > 10, f"{name} says nothing of itself"
+    assert ">>>" in text or SHAPE.search(text), f"{name} shows neither an example nor a shape"
+    signature = inspect.signature(thing)
+    untyped = [p.name for p in signature.parameters.values() if p.annotation is p.empty]
+    assert not untyped, f"{name} leaves {', '.join(untyped)} without a type"
+    assert inspect.isclass(thing) or signature.return_annotation is not signature.empty
+
+
+def test_the_stub_lists_what_the_package_offers():
+    assert set(PUBLIC) == set(dir(lb)) - {"__version__"}
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_stored_clean(path):
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    ids = [cell["id"] for cell in notebook["cells"]]
+    assert len(set(ids)) == len(ids)
+    for id_ in ids:
+        assert re.fullmatch(rf"{path.stem[:2]}-[a-z0-9-]+", id_), (
+            f"cell id {id_!r} should read {path.stem[:2]}-some-name"
+        )
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert not cell["outputs"], f"cell {cell['id']} is stored with outputs"
+            assert cell["execution_count"] is None, f"cell {cell['id']} is stored with an execution count"
+    assert notebook["nbformat"] == 4
+    assert notebook["nbformat_minor"] == 5
+    assert notebook["metadata"]["kernelspec"]["name"] == "python3"
+    assert notebook["cells"][0]["source"][0].startswith("# ")
+
+
+@pytest.mark.parametrize("name", ["requirements.lock", "requirements-bench.lock"])
+def test_a_lock_pins_every_package_by_hash_and_names_no_address(name):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    assert "://" not in text
+    entries = re.split(r"\n(?=[A-Za-z0-9])", text.strip())
+    assert len(entries) > 100
+    for entry in entries:
+        assert re.match(r"[A-Za-z0-9._-]+==\S+", entry)
+        assert "--hash=sha256:" in entry
+
+
+def test_no_tracked_file_knows_the_machine_that_it_was_written_on():
+    if not (ROOT / ".git").exists() or shutil.which("git") is None:
+        pytest.skip("not a git checkout")
+    pattern = r"(^|[^A-Za-z0-9_.])/(home/[a-z]+|Users/[a-z]+|root|work|mnt)/"
+    found = subprocess.run(
+        ["git", "grep", "-nIE", pattern, "--", ".", ":!*.lock"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert found.returncode in (0, 1), found.stderr
+    assert found.stdout == ""
