@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from losbench.checks import finite, integer, non_negative, number, positive, shaped
+from losbench.parameters import from_table, read_toml, to_table
 
 __all__ = ["Detector"]
 
@@ -72,6 +75,22 @@ class Detector:
         for pixel in self.hot_pixels:
             if len(pixel) != 3 or not pixel[2] >= 0:
                 raise ValueError(f"hot_pixels must be (x, y, electrons) with electrons of at least 0, got {pixel!r}")
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Self | None:
+        """Read the table ``[detector]`` of a camera's TOML file; None if it has none.
+
+        Raises
+        ------
+        ValueError
+            Naming the file, if it is not TOML, or the table has an unknown key or a value that does not fit.
+        """
+        table = read_toml(path).get("detector")
+        return None if table is None else from_table(cls, table, where=f"{path} [detector]")
+
+    def to_toml(self) -> str:
+        """Return the detector as a TOML table that :meth:`from_toml` reads."""
+        return "[detector]\n" + to_table(self) + "\n"
 
     @property
     def full_scale_dn(self) -> float:

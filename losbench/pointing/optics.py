@@ -6,8 +6,7 @@ Angles are the rotation vector (alpha, beta, gamma) that carries the reference d
 
 from __future__ import annotations
 
-import tomllib
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import choice, finite, finite_or_nan, integer, number, positive, shaped
+from losbench.parameters import from_table, read_toml, to_table
 from losbench.units import px_to_arcsec
 
 __all__ = ["Camera", "design_matrix", "project", "rotate"]
@@ -106,22 +106,18 @@ class Camera:
     def from_toml(cls, path: str | Path) -> Self:
         """Read a camera from a TOML file with the keys focal_mm, pixel_um, shape = [rows, cols] and maybe principal_px.
 
+        A table ``[detector]`` in it is left to `Detector.from_toml`.
+
         Raises
         ------
         ValueError
             Naming the file, if it is not TOML, lacks a key, has an unknown one or a value that does not fit.
         """
-        try:
-            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-            _check_keys(table, known=[field.name for field in fields(cls)], optional="principal_px")
-            return cls(**table)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+        return from_table(cls, read_toml(path), where=str(path), ignore=["detector"])
 
-    def to_toml(self, path: str | Path) -> None:
-        """Write the camera to a TOML file that :meth:`from_toml` reads."""
-        lines = [f"{key} = {list(v) if isinstance(v, tuple) else v}\n" for key, v in asdict(self).items()]
-        Path(path).write_text("".join(lines), encoding="utf-8")
+    def to_toml(self) -> str:
+        """Return the camera as the text of a TOML file that :meth:`from_toml` reads."""
+        return to_table(self) + "\n"
 
 
 def design_matrix(points: ArrayLike, model: Model = "pinhole") -> Floats:
@@ -220,12 +216,3 @@ def _pair(name: str, value: Any) -> tuple[Any, Any]:
     if not isinstance(value, list | tuple | np.ndarray) or len(value) != 2:
         raise ValueError(f"{name} must be two numbers, got {value!r}")
     return value[0], value[1]
-
-
-def _check_keys(table: dict[str, Any], *, known: list[str], optional: str) -> None:
-    unknown = sorted(set(table) - set(known))
-    missing = [key for key in known if key not in table and key != optional]
-    if unknown:
-        raise ValueError(f"unknown key {', '.join(unknown)}; a camera has {', '.join(known)}")
-    if missing:
-        raise ValueError(f"key {', '.join(missing)} is missing")

@@ -93,3 +93,19 @@ def test_impossible_parameters_are_refused_by_name(parameters, message):
 def test_light_that_cannot_be_is_refused(electrons, message):
     with pytest.raises(ValueError, match=message):
         lb.Detector().expose(electrons, 0)
+
+
+def test_a_detector_survives_its_file_beside_the_camera(tmp_path):
+    camera = lb.Camera(260.0, 10.0, (1080, 1920))
+    detector = lb.Detector(gain_e_per_dn=4.0, read_noise_e=5.0, bits=12, hot_pixels=((3, 4, 500.0),))
+    path = tmp_path / "camera.toml"
+    path.write_text(camera.to_toml() + detector.to_toml())
+    read = lb.Detector.from_toml(path)
+    assert lb.Camera.from_toml(path) == camera
+    frame = np.full((8, 8), 100.0)
+    np.testing.assert_array_equal(read.expose(frame, 1), detector.expose(frame, 1))
+    path.write_text(camera.to_toml())
+    assert lb.Detector.from_toml(path) is None
+    path.write_text("[detector]\ngain = 4.0\n")
+    with pytest.raises(ValueError, match=r"camera.toml \[detector\]: unknown key gain; known are gain_e_per_dn"):
+        lb.Detector.from_toml(path)

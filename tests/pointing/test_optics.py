@@ -50,7 +50,7 @@ def test_a_missing_spot_stays_missing():
 
 def test_a_camera_survives_its_file(tmp_path):
     camera = lb.Camera(260.0, 10, [1080, 1920], principal_px=np.array([1.5, 2]))
-    camera.to_toml(tmp_path / "camera.toml")
+    (tmp_path / "camera.toml").write_text(camera.to_toml())
     assert lb.Camera.from_toml(tmp_path / "camera.toml") == camera
 
 
@@ -63,7 +63,7 @@ def test_a_camera_file_needs_no_principal_point(tmp_path):
     ("text", "message"),
     [
         ("focal_mm = 260", "key pixel_um, shape is missing"),
-        (GOOD + "focus = 1", "unknown key focus; a camera has focal_mm, pixel_um, shape, principal_px"),
+        (GOOD + "focus = 1", "unknown key focus; known are focal_mm, pixel_um, shape, principal_px"),
         (GOOD.replace("260", "'260'"), "focal_mm must be a number, got '260'"),
         (GOOD.replace("260", "'260 mm'"), "focal_mm must be a number, got '260 mm'"),
         (GOOD.replace("10", "-10"), "pixel_um must be positive, got -10"),
