@@ -9,6 +9,10 @@ from .estimation.robust import irls as irls
 from .estimation.robust import lstsq as lstsq
 from .estimation.smoothing import Smoothed as Smoothed
 from .estimation.smoothing import kalman_smooth as kalman_smooth
+from .estimation.stability import ErrorSplit as ErrorSplit
+from .estimation.stability import lsfe as lsfe
+from .estimation.stability import nea as nea
+from .estimation.stability import split_error as split_error
 from .imaging.centroid import Centroids as Centroids
 from .imaging.centroid import centroid as centroid
 from .imaging.detector import Detector as Detector
