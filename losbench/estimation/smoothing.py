@@ -35,7 +35,7 @@ class Smoothed:
     variances : (3, ...) array, unit of the series squared
         Of the measurement noise, of the level's steps and of the slope's steps, each per frame.
     log_likelihood : (...) array
-        Of the samples present but for the first two, which set the unknown start.
+        Diffuse log likelihood: of what the samples say beyond the unknown start.
     converged : (...) bool array
         Whether the variances are given or their likelihood found a maximum; False, with NaN everywhere, for a series
         of fewer than 4 samples.

@@ -129,7 +129,7 @@ def spd_inverse(packed: Floats, p: int) -> Floats:
     """
     place = _places(p)
     if p > _CLOSED_FORM_COLUMNS:
-        return np.linalg.pinv(packed[:, place], rcond=1e-14, hermitian=True)
+        return np.asarray(np.linalg.pinv(packed[:, place], rcond=1e-14, hermitian=True), dtype=np.float64)
     adjugate, determinant, trace = _adjugate(np.ascontiguousarray(packed.T))
     safe = determinant > _NEARLY_SINGULAR * trace**p
     inverse = (adjugate / np.where(safe, determinant, 1.0)).T[:, place]

@@ -1,0 +1,115 @@
+"""What every regression estimator owes: equivariance, and a batch that is the loop."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import losbench as lb
+
+FITS = {
+    "least squares": lb.lstsq,
+    "Huber mad": lambda a, y: lb.irls(a, y, on_fail="ignore"),
+    "Huber std": lambda a, y: lb.irls(a, y, scale="std", on_fail="ignore"),
+    "Huber pairs": lambda a, y: lb.irls(a, y, scale="rms", group=np.arange(12) // 2, on_fail="ignore"),
+    "bisquare": lambda a, y: lb.irls(a, y, loss=lb.Bisquare(), on_fail="ignore"),
+}
+every_fit = pytest.mark.parametrize("name", FITS)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def system(seed, batch=()):
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((*batch, 12, 3)), rng.standard_t(3, (*batch, 12)), rng
+
+
+def settled(*fits):
+    """Whether all fits settled; one that cycles has no answer to compare."""
+    return all(bool(fit.converged) for fit in fits)
+
+
+@every_fit
+@settings(deadline=None, max_examples=25)
+@given(seed=seeds)
+def test_adding_a_model_moves_the_unknowns_by_it(name, seed):
+    a, y, rng = system(seed)
+    shift = rng.uniform(-5, 5, 3)
+    plain, moved = FITS[name](a, y), FITS[name](a, y + a @ shift)
+    if settled(plain, moved):
+        np.testing.assert_allclose(moved.x, plain.x + shift, atol=1e-6)
+        np.testing.assert_allclose(moved.weights, plain.weights, atol=1e-6)
+
+
+@every_fit
+@settings(deadline=None, max_examples=25)
+@given(seed=seeds, exponent=st.integers(-290, 290))
+def test_units_of_y_do_not_matter(name, seed, exponent):
+    a, y, _ = system(seed)
+    unit = 10.0**exponent
+    plain, scaled = FITS[name](a, y), FITS[name](a, y * unit)
+    np.testing.assert_allclose(scaled.x / unit, plain.x, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(scaled.weights, plain.weights, atol=1e-9)
+    assert scaled.scale / unit == pytest.approx(float(plain.scale), rel=1e-9)
+
+
+@every_fit
+@settings(deadline=None, max_examples=25)
+@given(seed=seeds)
+def test_a_change_of_unknowns_changes_only_the_unknowns(name, seed):
+    a, y, rng = system(seed)
+    mix = np.linalg.qr(rng.standard_normal((3, 3)))[0] * 10.0 ** rng.uniform(-4, 4, 3)
+    plain, mixed = FITS[name](a, y), FITS[name](a @ mix, y)
+    if settled(plain, mixed):
+        np.testing.assert_allclose(mix @ mixed.x, plain.x, atol=1e-6)
+        np.testing.assert_allclose(mixed.leverage, plain.leverage, atol=1e-9)
+        np.testing.assert_allclose(mix @ mixed.cov @ mix.T, plain.cov, rtol=1e-4, atol=1e-8)
+
+
+@every_fit
+@settings(deadline=None, max_examples=25)
+@given(seed=seeds)
+def test_the_order_of_rows_does_not_matter(name, seed):
+    a, y, rng = system(seed)
+    order = (2 * rng.permutation(6)[:, None] + [0, 1]).ravel()  # pairs stay together
+    plain, shuffled = FITS[name](a, y), FITS[name](a[order], y[order])
+    if settled(plain, shuffled):
+        np.testing.assert_allclose(shuffled.x, plain.x, atol=1e-7)
+        np.testing.assert_allclose(shuffled.weights, plain.weights[order], atol=1e-6)
+
+
+@every_fit
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_batch_is_the_loop(name, shared):
+    a, y, _ = system(7, (3, 5))
+    a = a[0, 0] if shared else a
+    batch = FITS[name](a, y)
+    for i in np.ndindex(3, 5):
+        one = FITS[name](a if shared else a[i], y[i])
+        assert np.array_equal(batch.converged[i], one.converged)
+        for field in ("x", "residuals", "weights", "scale", "cov", "leverage"):
+            np.testing.assert_allclose(getattr(batch, field)[i], getattr(one, field), atol=1e-9, err_msg=field)
+        assert (batch.dof[i], batch.rank[i]) == (one.dof, one.rank)
+
+
+def test_a_batch_larger_than_the_pool_is_the_loop():
+    rng = np.random.default_rng(11)
+    a = rng.standard_normal((900, 200, 2))
+    y = rng.standard_t(2, (900, 200))
+    batch = lb.irls(a, y, scale=np.linspace(0.5, 2.0, 900))
+    for i in (0, 163, 164, 450, 899):
+        one = lb.irls(a[i], y[i], scale=0.5 + 1.5 * i / 899)
+        np.testing.assert_allclose(batch.x[i], one.x, atol=1e-10)
+        assert batch.n_iter[i] == one.n_iter
+
+
+def test_batch_axes_broadcast():
+    a, y, _ = system(5, (4, 1))
+    many = lb.irls(a, np.broadcast_to(y[0], (4, 2, 12)))
+    assert many.x.shape == (4, 2, 3)
+    np.testing.assert_allclose(many.x[2, 1], lb.irls(a[2, 0], y[0, 0]).x, atol=1e-10)
+
+
+def test_residuals_are_those_of_the_unknowns():
+    a, y, _ = system(9, (6,))
+    for fit in (lb.lstsq(a, y), lb.irls(a, y)):
+        np.testing.assert_allclose(fit.residuals, np.matvec(a, fit.x) - y, atol=1e-13)
