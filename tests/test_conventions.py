@@ -80,3 +80,8 @@ def test_no_tracked_file_knows_the_machine_that_it_was_written_on():
     )
     assert found.returncode in (0, 1), found.stderr
     assert found.stdout == ""
+
+
+def test_the_first_notebook_leads_to_all_the_others():
+    text = (notebook_folder() / "00-start-here.ipynb").read_text(encoding="utf-8")
+    assert set(re.findall(r"\]\(([^)]+\.ipynb)\)", text)) == {path.name for path in NOTEBOOKS[1:]}

@@ -10,6 +10,8 @@ from latex2mathml.converter import convert
 from nbconvert.exporters import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 
+from losbench.workbench.mathfont import math_font
+
 __all__ = ["formula_to_mathml", "index_page", "notebook_title", "notebook_to_html"]
 
 _TAG = re.compile(r"\\tag\*?\{([^{}]*)\}")
@@ -19,7 +21,7 @@ _NOT_CONVERTED = re.compile(r"<mi>(\\[^<]*|&)</mi>")
 def notebook_to_html(notebook: nbformat.NotebookNode, name: str) -> str:
     """Return a notebook as one page; ``ValueError`` names the formula that MathML cannot be made of."""
     html, _ = _Offline().from_notebook_node(_described(notebook), {"metadata": {"name": name}})
-    return html
+    return re.sub(r'href="([^":/]+)\.ipynb"', r'href="\1.html"', html)
 
 
 def formula_to_mathml(latex: str, *, block: bool = False) -> str:
@@ -96,7 +98,7 @@ class _Offline(HTMLExporter):  # type: ignore[misc]
     """nbconvert's page without the scripts that it would fetch: require.js, MathJax, mermaid."""
 
     def __init__(self) -> None:
-        super().__init__(raw_template=_TEMPLATE, exclude_anchor_links=True)
+        super().__init__(raw_template=_TEMPLATE.replace("MATH_FONT", math_font()), exclude_anchor_links=True)
         self.register_filter("markdown2html", _markdown_to_html)
 
 
@@ -125,7 +127,13 @@ _TEMPLATE = """{%- extends 'lab/index.html.j2' -%}
 <style>
 .equation { display: flex; align-items: center; margin: .8em 0 }
 .equation math { flex: 1 }
-math { font-size: 1.08em }
+@font-face { font-family: formula; src: url(MATH_FONT) }
+math { font-family: formula, math }
+mtable[displaystyle="true"] mtd { math-style: normal }
+mtable[columnspacing^="0em"] mtd { padding-left: 0; padding-right: .1em }
+mtd[columnalign="left"] { text-align: left }
+mtd[columnalign="right"] { text-align: right }
+table.dataframe td, .jp-RenderedMarkdown td { text-align: left !important; vertical-align: top }
 .jp-Notebook { max-width: 62rem; margin: 0 auto }
 </style>
 {%- endblock -%}

@@ -1,11 +1,15 @@
 """Formulas that browsers draw themselves, and pages that ask for nothing."""
 
+import base64
+import io
 import re
 
 import nbformat
 import pytest
+from fontTools.ttLib import TTFont
 
 from losbench.workbench.export import formula_to_mathml, notebook_to_html
+from losbench.workbench.mathfont import math_font
 
 
 @pytest.mark.parametrize(
@@ -36,7 +40,7 @@ def test_a_page_is_whole_without_a_network():
     png = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
     notebook = nbformat.v4.new_notebook()
     notebook.cells = [
-        nbformat.v4.new_markdown_cell("# Fig. 1\n\nInline $a < b$ and\n\n$$c^2$$"),
+        nbformat.v4.new_markdown_cell("# Fig. 1\n\nInline $a < b$, see [02](02-irls.ipynb), and\n\n$$c^2$$"),
         nbformat.v4.new_code_cell(
             "fig", outputs=[nbformat.v4.new_output("display_data", {"image/png": png}, metadata={})]
         ),
@@ -45,4 +49,13 @@ def test_a_page_is_whole_without_a_network():
     assert not re.findall(r"<script|<link|@import|src=\"http|url\(\s*['\"]?http", page)
     assert page.count("<math ") == 2
     assert 'alt="Figure: Fig. 1"' in page
+    assert 'href="02-irls.html"' in page
     assert "$" not in re.sub(r"<style.*?</style>", "", page, flags=re.DOTALL)
+
+
+def test_the_font_of_formulas_knows_how_to_stretch_a_bracket():
+    kind, _, content = math_font().partition(",")
+    assert kind == "data:font/woff;base64"
+    table = TTFont(io.BytesIO(base64.b64decode(content)))["MATH"].table
+    assert {"parenleft", "bracketleft", "braceleft", "radical"} <= set(table.MathVariants.VertGlyphCoverage.glyphs)
+    assert table.MathConstants.SubscriptShiftDown.Value > 0
