@@ -1,0 +1,172 @@
+"""Small windows cut out of whole frames: the only pixels that centroiding ever converts or copies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+
+from losbench.checks import integer
+
+__all__ = ["as_stack", "as_starts", "cut_stamps", "in_frame", "peak_pixels", "spot_sigma"]
+
+Floats = NDArray[np.float64]
+
+_SIGMA_REACH = 20  # pixels around a spot that its width is read from
+_SIGMA_FRAMES = 16
+
+
+def as_stack(frames: ArrayLike) -> NDArray[Any]:
+    """Return frames as (F, H, W), in their own type; raise if they are no images or there are none."""
+    stack = np.asanyarray(frames)
+    if stack.ndim not in (2, 3):
+        raise ValueError(f"frames must have shape (F, H, W) or (H, W), got {stack.shape}")
+    if stack.dtype.kind not in "uif":
+        raise ValueError(f"frames must be of an integer or float type, got {stack.dtype.name}")
+    if stack.size == 0:
+        raise ValueError(f"frames must hold at least one pixel, got shape {stack.shape}")
+    return stack if stack.ndim == 3 else stack[None]
+
+
+def as_starts(name: str, start: ArrayLike, n_frames: int) -> Floats:
+    """Return start positions as (F, n, 2); NaN marks a spot that is missing from a frame."""
+    xy = np.asarray(start, dtype=np.float64)
+    fits = xy.ndim in (2, 3) and xy.shape[-1] == 2 and xy.size > 0
+    if not fits or (xy.ndim == 3 and xy.shape[0] != n_frames):
+        raise ValueError(
+            f"{name} must have shape (n, 2) or ({n_frames}, n, 2) to match {n_frames} frames, got {xy.shape}"
+        )
+    return np.broadcast_to(xy, (n_frames, *xy.shape[-2:]))
+
+
+def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.intp], reach: int) -> Floats:
+    """Cut M square stamps of ``2 * reach + 1`` pixels around whole-pixel centres.
+
+    Parameters
+    ----------
+    stack : (F, H, W) array
+    frame : (M,) integers
+        Which frame each stamp comes from.
+    centre : (M, 2) integers, pixels
+        (x, y) of each stamp's middle, within the frame.
+    reach : int, pixels
+
+    Returns
+    -------
+    (M, 2 reach + 1, 2 reach + 1) array
+        NaN where a stamp reaches beyond the frame.
+    """
+    size = 2 * reach + 1
+    corner = centre - reach
+    _, rows, columns = stack.shape
+    inside = ((corner >= 0) & (corner + size <= (columns, rows))).all(axis=1)
+    stamps = np.empty((len(frame), size, size))
+    if inside.any():
+        views = sliding_window_view(stack, (size, size), axis=(1, 2))
+        stamps[inside] = views[frame[inside], corner[inside, 1], corner[inside, 0]]
+    outside = np.flatnonzero(~inside)
+    if outside.size:
+        x = corner[outside, 0, None] + np.arange(size)
+        y = corner[outside, 1, None] + np.arange(size)
+        pixels = stack[frame[outside, None, None], y.clip(0, rows - 1)[:, :, None], x.clip(0, columns - 1)[:, None, :]]
+        present = ((y >= 0) & (y < rows))[:, :, None] & ((x >= 0) & (x < columns))[:, None, :]
+        stamps[outside] = np.where(present, pixels, np.nan)
+    return stamps
+
+
+def peak_pixels(frames: ArrayLike, near: ArrayLike, radius: int) -> Floats:
+    """Brightest pixel near each given position, frame by frame: a start for `centroid` when spots wander.
+
+    Parameters
+    ----------
+    frames : (F, H, W) or (H, W) array
+    near : (n, 2) or (F, n, 2) array, pixels
+        Where to look; NaN marks a missing spot.
+    radius : int, pixels
+        The search covers a square of ``2 * radius + 1`` pixels.
+
+    Returns
+    -------
+    (F, n, 2) or (n, 2) array, pixels
+        Whole numbers (x, y); NaN where ``near`` is NaN or outside the frame, or no pixel there was read.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not match or the radius is negative.
+
+    Examples
+    --------
+    >>> image = np.zeros((20, 30), dtype=np.uint16)
+    >>> image[8, 12] = 500
+    >>> peak_pixels(image, [[11.0, 9.0]], radius=3).tolist()
+    [[12.0, 8.0]]
+    """
+    stack = as_stack(frames)
+    places = as_starts("near", near, len(stack))
+    reach = integer("radius", radius, low=0)
+    frame, spot, middle = in_frame(stack, places)
+    peaks = np.full(places.shape, np.nan)
+    stamps = cut_stamps(stack, frame, middle, reach)
+    pixels = np.where(np.isnan(stamps), -np.inf, stamps).reshape(len(frame), -1)
+    row, column = np.divmod(pixels.argmax(axis=1), 2 * reach + 1)
+    found = middle + np.stack([column, row], axis=-1) - reach
+    peaks[frame, spot] = np.where(np.isneginf(pixels.max(axis=1))[:, None], np.nan, found)
+    return peaks if np.ndim(frames) == 3 else peaks[0]
+
+
+def in_frame(stack: NDArray[Any], places: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Frame number, spot number and nearest pixel of the places that are not NaN and lie within their frame."""
+    nearest = np.rint(np.nan_to_num(places, nan=-1.0, posinf=-1.0, neginf=-1.0)).clip(-1, 2**31).astype(np.intp)
+    inside = ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=-1) & ~np.isnan(places).any(axis=-1)
+    frame, spot = np.nonzero(inside)
+    return frame, spot, nearest[inside]
+
+
+def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
+    """Width of the spots: the median over spots of the Gaussian sigma of their bright part, the wider axis, in pixels.
+
+    Each spot is averaged over up to 16 frames. What exceeds a third of its peak, and is connected with it, is weighted
+    by that excess; its second moment about its own centre is a known part of a Gaussian's. NaN if no spot is seen.
+
+    >>> from losbench import render_spots
+    >>> round(spot_sigma(render_spots([[30.2, 25.4]], 1e4, 2.0, (60, 70)), [[30.0, 25.0]]), 1)
+    2.0
+    """
+    stack = as_stack(frames)
+    places = as_starts("start", start, len(stack))
+    chosen = np.unique(np.linspace(0, len(stack) - 1, _SIGMA_FRAMES).astype(int))
+    frame, spot, middle = in_frame(stack, places[chosen])
+    stamps = cut_stamps(stack, chosen[frame], middle, _SIGMA_REACH)
+    widths = [_bright_sigma(stamps[spot == k]) for k in np.unique(spot)]
+    return float(np.nanmedian(widths)) if np.isfinite(widths).any() else np.nan
+
+
+def _bright_sigma(stamps: Floats) -> float:
+    from scipy import ndimage
+
+    present = np.isfinite(stamps)
+    mean = np.where(present, stamps, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
+    seen = present.any(axis=0)
+    signal = np.where(seen, mean - np.median(mean[seen]), 0.0) if seen.any() else mean
+    near = signal[10:-10, 10:-10]
+    top = np.unravel_index(near.argmax(), near.shape)
+    peak = near[top]
+    if not peak > 0:
+        return np.nan
+    part = 1.0 / 3.0
+    groups, _ = ndimage.label(signal > part * peak)
+    excess = np.where(groups == groups[top[0] + 10, top[1] + 10], signal - part * peak, 0.0)
+    place = np.arange(len(signal))
+    variance = max(_variance(excess.sum(axis=axis), place) for axis in (0, 1))
+    # Second moment of exp(-u) - t within u < q = ln(1/t), u = r^2 / (2 sigma^2), in units of sigma^2; Sheppard's 1/12.
+    q = -np.log(part)
+    gaussian = (1 - part * (1 + q + q**2 / 2)) / (1 - part - part * q)
+    return float(np.sqrt(max(variance / gaussian - 1.0 / 12.0, 0.04)))
+
+
+def _variance(weight: Floats, place: NDArray[np.intp]) -> float:
+    centre = weight @ place / weight.sum()
+    return float(weight @ (place - centre) ** 2 / weight.sum())
