@@ -55,7 +55,7 @@ def test_without_steps_the_smoother_is_a_straight_line_fit():
 
 
 def test_the_likelihood_is_that_of_second_differences():
-    """Differencing twice removes the unknown start, for which the diffuse likelihood still counts two log sqrt(2 pi)."""
+    """Differencing twice removes the unknown start, for which the likelihood still counts log(2 pi)."""
     from scipy.stats import multivariate_normal
 
     noise, level, slope = variances = np.array([0.09, 0.01, 0.001])

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import choice, finite, integer, number
 from losbench.estimation.losses import Huber, Loss, psi_deriv
-from losbench.estimation.robust.iterate import Groups, Method, blocks, floor, iterate
+from losbench.estimation.robust.iterate import Groups, Method, blocks, iterate
 from losbench.estimation.robust.problem import Problem, products, project, read_problem, spd_inverse
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import Scale, ScaleRule
@@ -56,19 +56,18 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
     z = problem.least_squares()
     residuals = problem.residuals(z)
     n = residuals.shape[1]
-    dof = np.broadcast_to(n - problem.rank, len(residuals))
     if scale is None:
         with np.errstate(divide="ignore", invalid="ignore"):
-            working = np.where(dof > 0, np.sqrt(np.vecdot(residuals, residuals) / dof), np.nan)
-        working = np.maximum(working, floor(problem.y))
+            spread = np.sqrt(np.vecdot(residuals, residuals) / (n - problem.rank))
+        working = np.where(problem.rank < n, np.maximum(spread, problem.floor), np.nan)
     else:
         working = ScaleRule(scale, problem.batch, problem.y_unit)(residuals, np.arange(len(residuals)))
-    cov = working[:, None, None] ** 2 * (problem.to_x @ np.swapaxes(problem.to_x, 1, 2))
-    weights = np.broadcast_to(1.0, residuals.shape)
+    with np.errstate(over="ignore", under="ignore"):
+        cov = problem.covariance(working)
     return _result(
         problem,
         z,
-        (residuals, weights, working, cov),
+        (residuals, np.broadcast_to(1.0, residuals.shape), working, cov),
         n_iter=np.zeros(len(z), dtype=np.int64),
         converged=np.ones(len(z), dtype=bool),
         loss="least squares",
@@ -167,56 +166,55 @@ def irls(
 
 
 def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[Floats, Floats, Floats, Floats]:
-    """Residuals, weights, scale and covariance at coordinates ``z``, scaled."""
+    """Residuals, weights and scale at coordinates ``z``, scaled, and the covariance in the user's units."""
     systems = np.arange(part.start, part.start + len(z))
     residuals = problem.residuals(z)
-    scale = np.maximum(method.scale(residuals, systems), floor(problem.y))
+    scale = np.maximum(method.scale(residuals, systems), problem.floor)
     u = method.scaled(residuals, scale)
     weights = method.loss.weights(u)
-    if method.scale.known:
-        inverse = spd_inverse(project(products(problem.basis), weights) + problem.unused(), z.shape[1])
-        cov = scale[:, None, None] ** 2 * (problem.to_x @ inverse @ np.swapaxes(problem.to_x, 1, 2))
-    else:
-        slope = psi_deriv(method.loss, u)
-        if method.groups is not None:
-            slope = weights + (slope - weights) / method.groups.sizes
-        spread = _kappa_variance(residuals * weights, slope, problem.rank)
-        cov = spread[:, None, None] * (problem.to_x @ np.swapaxes(problem.to_x, 1, 2))
+    with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
+        if method.scale.known:
+            inverse = spd_inverse(project(products(problem.basis), weights) + problem.unused(), z.shape[1])
+            shape = problem.to_x @ inverse @ np.swapaxes(problem.to_x, 1, 2)
+            cov = shape * ((scale * problem.x_unit) ** 2)[:, None, None]
+        else:
+            slope = psi_deriv(method.loss, u)
+            if method.groups is not None:
+                slope = weights + (slope - weights) / method.groups.sizes
+            cov = problem.covariance(_kappa_size(residuals * weights, slope, problem.rank))
     return residuals, weights, scale, cov
 
 
-def _kappa_variance(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Floats:
-    """Factor of (A'A)^-1 in the covariance: NaN where no row is redundant."""
+def _kappa_size(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Floats:
+    """Residual size whose square times (A'A)^-1 is the covariance: NaN where no row is redundant."""
     n = pulls.shape[1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = slope.mean(axis=1)
-        kappa = 1.0 + rank * slope.var(axis=1) / max(n - 1, 1) / mean**2
-        return np.where(rank < n, np.vecdot(pulls, pulls) / (n - rank) * (kappa / mean) ** 2, np.nan)
+    mean = slope.mean(axis=1)
+    kappa = 1.0 + rank * slope.var(axis=1) / max(n - 1, 1) / mean**2
+    return np.where(rank < n, np.sqrt(np.vecdot(pulls, pulls) / (n - rank)) * kappa / mean, np.nan)
 
 
 def _result(
     problem: Problem,
     z: Floats,
-    scaled: tuple[Floats, Floats, Floats, Floats],
+    found: tuple[Floats, Floats, Floats, Floats],
     *,
     n_iter: NDArray[np.int64],
     converged: NDArray[np.bool_],
     **labels: Any,
 ) -> RobustFit:
-    """From scaled units and a flat batch to the user's; ``scaled`` as `_finish` gives it."""
-    residuals, weights, scale, cov = scaled
+    """From scaled units and a flat batch to the user's; the middle argument as `_finish` gives it."""
+    residuals, weights, scale, cov = found
     count, n = problem.y.shape
     p, batch = z.shape[1], problem.batch
     rank = np.broadcast_to(problem.rank, count)
     leverage = np.broadcast_to((problem.basis**2).sum(axis=1), (count, n))
-    x_unit = problem.x_unit
     with np.errstate(over="ignore", under="ignore"):
         return RobustFit(
             x=problem.unknowns(z).reshape(*batch, p),
             residuals=(residuals * problem.y_unit[:, None]).reshape(*batch, n),
             weights=weights.reshape(*batch, n),
             scale=(scale * problem.y_unit).reshape(batch),
-            cov=(cov * x_unit[:, :, None] * x_unit[:, None, :]).reshape(*batch, p, p),
+            cov=cov.reshape(*batch, p, p),
             dof=(n - rank).reshape(batch),
             n_iter=n_iter.reshape(batch),
             converged=converged.reshape(batch),

@@ -12,12 +12,11 @@ from losbench.estimation.losses import Loss
 from losbench.estimation.robust.problem import Problem, combine, products, project, spd_inverse
 from losbench.estimation.robust.scales import ScaleRule
 
-__all__ = ["Groups", "Method", "blocks", "floor", "iterate"]
+__all__ = ["Groups", "Method", "blocks", "iterate"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_ROUNDING = 64 * np.finfo(float).eps  # residuals of a perfect fit stay below this part of the largest abs y
 _POOL_ELEMENTS = 2**15  # residuals worked on at once: few enough to stay in the processor's cache
 
 
@@ -68,11 +67,6 @@ def blocks(count: int, n: int) -> Iterator[slice]:
     return (slice(first, first + size) for first in range(0, count, size))
 
 
-def floor(y: Floats) -> Floats:
-    """Smallest scale (b,) that residuals of y (b, n) can tell from rounding."""
-    return np.maximum(_ROUNDING * np.abs(y).max(axis=1), np.finfo(float).tiny)
-
-
 def iterate(problem: Problem, method: Method, start: Floats) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
     """Coordinates (B, p) where each system settled, its number of weighted solves, and whether it did settle."""
     count, p = start.shape
@@ -110,7 +104,7 @@ class _Pool:
 def _load(problem: Problem, start: Floats, systems: Indices) -> _Pool:
     some = problem.part(systems)
     age = np.zeros(len(systems), dtype=np.int64)
-    return _Pool(systems, age, start[systems], some.y, floor(some.y), some.basis, products(some.basis), some.unused())
+    return _Pool(systems, age, start[systems], some.y, some.floor, some.basis, products(some.basis), some.unused())
 
 
 def _refill(

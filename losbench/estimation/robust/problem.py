@@ -20,7 +20,9 @@ __all__ = ["Problem", "combine", "products", "project", "read_problem", "spd_inv
 Floats = NDArray[np.float64]
 
 _CLOSED_FORM_COLUMNS = 3
-_NEARLY_PARALLEL = 1e-4  # sine of the angle to earlier columns below which Gram-Schmidt hands over to the SVD
+_ROUNDING = 64 * np.finfo(float).eps  # residuals of a perfect fit stay below this part of the largest abs y
+_SHORT = 16
+_NEARLY_PARALLEL = 1e-2  # sine of the angle to earlier columns below which Gram-Schmidt hands over to the SVD
 _NEARLY_SINGULAR = 1e-12  # determinant, relative to the trace to the power p, below which the closed form hands over
 
 
@@ -28,36 +30,34 @@ _NEARLY_SINGULAR = 1e-12  # determinant, relative to the trace to the power p, b
 class Problem:
     """B systems of n rows and p columns; arrays of A lead with 1 instead of B where all share one A."""
 
-    columns: Floats  # (B or 1, p, n), scaled
     basis: Floats  # (B or 1, p, n), orthonormal; zero rows beyond the rank
-    to_x: Floats  # (B or 1, p, p), coordinates in the basis -> scaled unknowns
+    to_x: Floats  # (B or 1, p, p), coordinates in the basis -> unknowns in units of x_unit
     rank: NDArray[np.int64]  # (B or 1,)
-    y: Floats  # (B, n), scaled
-    column_unit: Floats  # (B or 1, p), powers of two
+    y: Floats  # (B, n), in units of y_unit
     y_unit: Floats  # (B,), powers of two
+    x_unit: Floats  # (B,)
+    floor: Floats  # (B,), smallest scale that residuals can tell from rounding
     batch: tuple[int, ...]
 
-    @property
-    def x_unit(self) -> Floats:
-        """What one scaled unknown is worth in the user's units, (B, p)."""
-        return self.y_unit[:, None] / self.column_unit
-
     def least_squares(self) -> Floats:
-        """Coordinates (B, p) of the least-squares solution, refined once."""
-        z = project(self.basis, self.y)
-        return z - project(self.basis, combine(z, self.basis) - self.y)
+        """Coordinates (B, p) of the least-squares solution."""
+        return project(self.basis, self.y)
 
     def residuals(self, z: Floats) -> Floats:
-        """Scaled residuals A x - y at coordinates ``z`` (B, p)."""
-        return combine(combine(z, np.swapaxes(self.to_x, -1, -2)), self.columns) - self.y
+        """Scaled residuals A x - y (B, n) at coordinates ``z`` (B, p)."""
+        return combine(z, self.basis) - self.y
 
     def unknowns(self, z: Floats) -> Floats:
         """Unknowns in the user's units at coordinates ``z`` (B, p)."""
-        return combine(z, np.swapaxes(self.to_x, -1, -2)) * self.x_unit
+        return combine(z, np.swapaxes(self.to_x, 1, 2)) * self.x_unit[:, None]
 
     def coordinates(self, x: Floats) -> Floats:
         """Coordinates in the basis of unknowns ``x`` (B, p) in the user's units."""
-        return project(self.basis, combine(x / self.x_unit, self.columns))
+        return combine(x / self.x_unit[:, None], np.swapaxes(np.linalg.pinv(self.to_x), 1, 2))
+
+    def covariance(self, size: Floats) -> Floats:
+        """Covariance (B, p, p) in the user's units: (A'A)^-1 times the square of a scaled residual size (B,)."""
+        return (self.to_x @ np.swapaxes(self.to_x, 1, 2)) * ((size * self.x_unit) ** 2)[:, None, None]
 
     def unused(self) -> Floats:
         """Ones on the diagonal of Q'WQ, packed, for directions beyond the rank, whose rows of Q are zero."""
@@ -69,13 +69,13 @@ class Problem:
         own = systems if len(self.basis) > 1 else slice(None)
         y = self.y[systems]
         return Problem(
-            columns=self.columns[own],
             basis=self.basis[own],
             to_x=self.to_x[own],
             rank=self.rank[own],
             y=y,
-            column_unit=self.column_unit[own],
             y_unit=self.y_unit[systems],
+            x_unit=self.x_unit[systems],
+            floor=self.floor[systems],
             batch=(len(y),),
         )
 
@@ -96,10 +96,20 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
         raise ValueError(f"A and y must share their batch axes, got {matrix.shape} and {right.shape}") from None
     systems = (1,) if matrix.ndim == 2 else batch
     columns = np.swapaxes(np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p), 1, 2)
-    columns, column_unit = _scaled(np.ascontiguousarray(columns))
-    right, y_unit = _scaled(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
+    columns, column_unit, _ = _scaled(np.ascontiguousarray(columns))
+    right, y_unit, level = _scaled(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
     basis, to_x, rank = _orthonormal(columns)
-    return Problem(columns, basis, to_x, rank, right, column_unit, y_unit, batch)
+    middle = np.sqrt(column_unit.min(axis=1)) * np.sqrt(column_unit.max(axis=1))
+    return Problem(
+        basis=basis,
+        to_x=to_x * (middle[:, None] / column_unit)[..., None],
+        rank=rank,
+        y=right,
+        y_unit=y_unit,
+        x_unit=y_unit / middle,
+        floor=np.maximum(_ROUNDING * level, np.finfo(float).tiny),
+        batch=batch,
+    )
 
 
 def project(rows: Floats, vectors: Floats) -> Floats:
@@ -161,11 +171,15 @@ def _adjugate(packed: Floats) -> tuple[Floats, Floats, Floats]:
     return adjugate, a * adjugate[0] + b * adjugate[1] + c * adjugate[2], a + d + f
 
 
-def _scaled(rows: Floats) -> tuple[Floats, Floats]:
-    """Rows (..., n) in units of the power of two just above their largest element, and that unit."""
-    exponent = np.frexp(np.abs(rows).max(axis=-1))[1]
-    unit = np.ldexp(1.0, np.clip(exponent, -1000, 1000))
-    return rows / unit[..., None], unit
+def _scaled(rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Rows (..., n) in units of the power of two just above their largest element, that unit, and that element."""
+    size = np.abs(rows)
+    # numpy reduces long axes fast and short ones slowly.
+    largest = (
+        size.max(axis=-1) if rows.shape[-1] > _SHORT else np.ascontiguousarray(np.moveaxis(size, -1, 0)).max(axis=0)
+    )
+    unit = np.ldexp(1.0, np.clip(np.frexp(largest)[1], -1000, 1000))
+    return rows / unit[..., None], unit, largest / unit
 
 
 def _orthonormal(columns: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:

@@ -1,0 +1,78 @@
+"""Time rivals in turn in one run, print their ratios beside the targets, keep a baseline."""
+
+import argparse
+import csv
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Row:
+    """One comparison: how many times faster than a peer, or how many times slower than a limit."""
+
+    what: str
+    ours_us: float
+    peer: str
+    peer_us: float
+    ratio: float
+    target: str
+    verdict: str
+
+
+def in_turn(ours: Callable[[], object], peer: Callable[[], object], rounds: int) -> tuple[float, float]:
+    """Shortest times in seconds, one round of each after the other, so that a busy moment meets both."""
+    best = [float("inf"), float("inf")]
+    for _ in range(rounds):
+        for place, call in enumerate((ours, peer)):
+            start = time.perf_counter()
+            call()
+            best[place] = min(best[place], time.perf_counter() - start)
+    return best[0], best[1]
+
+
+def faster(what: str, ours_s: float, peer: str, peer_s: float, at_least: float) -> Row:
+    """Judge times per system against a peer."""
+    ratio = peer_s / ours_s
+    verdict = "ok" if ratio >= at_least else "MISSED"
+    return Row(what, 1e6 * ours_s, peer, 1e6 * peer_s, ratio, f"at least {at_least:g} times faster", verdict)
+
+
+def within(what: str, ours_s: float, limit: str, limit_s: float, at_most: float) -> Row:
+    """Judge a time against a physical limit."""
+    ratio = ours_s / limit_s
+    verdict = "ok" if ratio <= at_most else "MISSED"
+    return Row(what, 1e6 * ours_s, limit, 1e6 * limit_s, ratio, f"at most {at_most:g} times as long", verdict)
+
+
+def report(name: str, rows: list[Row]) -> None:
+    """Print the table, save it with --save, and leave with 1 if a target was missed."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--save", action="store_true", help="write the table to benchmarks/baselines")
+    options = parser.parse_args()
+    for row in rows:
+        print(
+            f"{row.what:34s} {row.ours_us:9.2f} us   {row.peer:42s} {row.peer_us:9.1f} us"
+            f"   ratio {row.ratio:7.2f}   {row.target}: {row.verdict}"
+        )
+    if options.save:
+        path = Path(__file__).parent / "baselines" / f"{name}.csv"
+        path.parent.mkdir(exist_ok=True)
+        with path.open("w", newline="") as file:
+            table = csv.DictWriter(file, list(asdict(rows[0])), lineterminator="\n")
+            table.writeheader()
+            rounded = [
+                asdict(row) | {k: f"{getattr(row, k):.4g}" for k in ("ours_us", "peer_us", "ratio")} for row in rows
+            ]
+            table.writerows(rounded)
+    sys.exit(any(row.verdict == "MISSED" for row in rows))
+
+
+def one_thread() -> None:
+    """Start over with one thread per library, unless that is so already: ratios are of work, not of cores."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    if any(os.environ.get(name) != "1" for name in names):
+        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(names, "1"))
