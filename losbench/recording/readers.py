@@ -10,13 +10,17 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from losbench.checks import choice, positive
+from losbench.imaging.detector import Detector
 from losbench.recording.times import FrameTimes, read_times
+
+if TYPE_CHECKING:
+    from losbench.recording.fits import Contents
 
 __all__ = ["Recording", "Stamp", "UnreadableFrame", "read_recording"]
 
@@ -83,6 +87,8 @@ class Recording:
         One for whole frames, one for each star of a folder of target pixel files.
     times : FrameTimes or None
         Seconds, and UTC where known; None if nothing gives them.
+    detector : Detector or None
+        Gain and read noise where the files tell, as the errors in target pixel files do.
     skip_unreadable : bool
         Whether an unreadable frame becomes a gap in the series or an error.
     """
@@ -91,6 +97,7 @@ class Recording:
     n_frames: int
     stamps: tuple[Stamp, ...]
     times: FrameTimes | None = None
+    detector: Detector | None = None
     skip_unreadable: bool = False
 
 
@@ -163,7 +170,7 @@ def _open(source: Path) -> Recording:
         if pixel_files:
             from losbench.recording.fits import open_pixel_files
 
-            return Recording(source, *open_pixel_files(pixel_files))
+            return _from_fits(source, open_pixel_files(pixel_files))
         raise ValueError(f"{source} holds no frames: expected PNG, TIFF or FITS files, got {len(files)} other files")
     suffix = source.suffix.lower()
     if suffix in (".tif", ".tiff"):
@@ -174,8 +181,12 @@ def _open(source: Path) -> Recording:
     if source.name.lower().endswith(_FITS):
         from losbench.recording.fits import open_fits
 
-        return Recording(source, *open_fits(source))
+        return _from_fits(source, open_fits(source))
     raise ValueError(f"{source.name} is no recording: expected .tif, .npy, .npz or .fits, or a folder of frames")
+
+
+def _from_fits(source: Path, found: Contents) -> Recording:
+    return Recording(source, found.n_frames, found.stamps, found.times, found.detector)
 
 
 def _stack(

@@ -1,0 +1,155 @@
+"""A measurement on disk: the table, two or three pictures, and what the reader must know."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from losbench.__about__ import __version__
+from losbench.pointing.thermal import SensitivityFit, fit_sensitivity
+from losbench.recording.measure import Measurement
+from losbench.recording.readers import Recording
+from losbench.resources import write_whole
+from losbench.units import rad_to_arcsec
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["write_report"]
+
+_AXES = {"alpha": "X", "beta": "Y", "gamma": "Z"}
+_FEWEST = 10  # frames with a temperature, for a sensitivity
+_SMALLEST_RANGE_DEGC = 0.5
+
+
+def write_report(measurement: Measurement, folder: Path, *, recording: Recording) -> list[str]:
+    """Write ``measurement.csv``, ``shifts.png``, with a camera ``angles.png``, and ``report.json``.
+
+    With temperatures, ``angles-over-temperature.png`` and the sensitivity of each axis come too.
+
+    Returns
+    -------
+    list of str
+        The report's lines, for the terminal.
+    """
+    table = measurement.table
+    write_whole(folder / "measurement.csv", table.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
+    lines = [f"{len(table)} frames, {len(measurement.reference_px)} spots: {recording.source.name}", *measurement.notes]
+    pictures = {"shifts.png": _shifts(measurement)}
+    if measurement.attitude is not None:
+        pictures["angles.png"] = _angles(measurement)
+    sensitivity = _sensitivity(measurement)
+    if sensitivity is not None:
+        pictures["angles-over-temperature.png"] = _over_temperature(measurement, sensitivity)
+        lines += _sentences(sensitivity)
+    for name, figure in pictures.items():
+        _save(figure, folder / name)
+    report = {
+        "losbench": __version__,
+        "source": recording.source.name,
+        "reference_px": measurement.reference_px.round(4).tolist(),
+        "notes": list(measurement.notes),
+        "sensitivity_arcsec_per_degC": None if sensitivity is None else sensitivity.k_arcsec_per_degC.round(6).tolist(),
+    }
+    write_whole(folder / "report.json", json.dumps(report, indent=1) + "\n")
+    return [*lines, f"Written to {folder}: measurement.csv, report.json, {', '.join(pictures)}"]
+
+
+def _temperature_columns(table: pd.DataFrame) -> list[str]:
+    return [name for name in table.columns if name.startswith("temperature") and name.endswith("_degC")]
+
+
+def _sensitivity(measurement: Measurement) -> SensitivityFit | None:
+    """Fit the first temperature column, if it says anything; with a lag where the frames have times."""
+    columns = _temperature_columns(measurement.table)
+    if measurement.attitude is None or not columns:
+        return None
+    celsius = measurement.table[columns[0]].to_numpy()
+    time_s = measurement.table["time_s"].to_numpy()
+    use = np.isfinite(celsius) & np.isfinite(time_s)
+    present = np.isfinite(measurement.attitude.angles[use]).all(axis=-1).sum()
+    if present < _FEWEST or np.ptp(celsius[use]) < _SMALLEST_RANGE_DEGC:
+        return None
+    angles = measurement.attitude.angles[use]
+    if (np.diff(time_s[use]) > 0).all():
+        return fit_sensitivity(celsius[use], angles, time_s=time_s[use], lag_s="fit")
+    return fit_sensitivity(celsius[use], angles)
+
+
+def _sentences(fit: SensitivityFit) -> list[str]:
+    low, high = np.moveaxis(fit.k_interval_arcsec_per_degC, -1, 0)
+    rms = rad_to_arcsec(fit.rms)
+    return [
+        f"Sensitivity about {axis}: {k:+.4f} arcsec/degC (95 %: {low[i]:+.4f} to {high[i]:+.4f}), "
+        f"lag {fit.lag_s[i] / 60:.1f} min, {rms[i]:.4f} arcsec rms left after compensation"
+        for i, (axis, k) in enumerate(zip(_AXES.values(), fit.k_arcsec_per_degC, strict=True))
+    ]
+
+
+def _shifts(measurement: Measurement) -> Figure:
+    along, label = _abscissa(measurement)
+    fig, axes = _panels(2, label)
+    for axis, i, name in zip(axes, range(2), "xy", strict=True):
+        for spot in range(measurement.shifts_px.shape[1]):
+            axis.plot(along, measurement.shifts_px[:, spot, i], ".-", ms=3, lw=0.8, label=f"spot {spot + 1}")
+        axis.set_ylabel(f"shift along {name} (px)")
+    axes[0].legend(ncols=4)
+    return fig
+
+
+def _angles(measurement: Measurement) -> Figure:
+    along, label = _abscissa(measurement)
+    fig, axes = _panels(3, label)
+    for axis, name in zip(axes, _AXES, strict=True):
+        angle = measurement.table[f"{name}_arcsec"].to_numpy()
+        sigma = measurement.table[f"sigma_{name}_arcsec"].to_numpy()
+        axis.fill_between(along, angle - sigma, angle + sigma, alpha=0.25, lw=0, label="one sigma")
+        axis.plot(along, angle, lw=1.0)
+        axis.set_ylabel(f"about {_AXES[name]} (arcsec)")
+    axes[0].legend()
+    return fig
+
+
+def _over_temperature(measurement: Measurement, fit: SensitivityFit) -> Figure:
+    column = _temperature_columns(measurement.table)[0]
+    celsius = measurement.table[column].to_numpy()
+    model = fit.predict(celsius, time_s=measurement.table["time_s"].to_numpy() if (fit.lag_s > 0).any() else None)
+    fig, axes = _panels(3, f"{column.removesuffix('_degC')} (degC)")
+    for i, (axis, name) in enumerate(zip(axes, _AXES, strict=True)):
+        axis.plot(celsius, measurement.table[f"{name}_arcsec"], ".", ms=3, label="measured")
+        axis.plot(celsius, rad_to_arcsec(model[:, i]), lw=1.2, label="fit with lag")
+        axis.set_ylabel(f"about {_AXES[name]} (arcsec)")
+    axes[0].legend()
+    return fig
+
+
+def _abscissa(measurement: Measurement) -> tuple[NDArray[Any], str]:
+    table = measurement.table
+    return (table["time_s"].to_numpy(), "time (s)") if "time_s" in table else (table["frame"].to_numpy(), "frame")
+
+
+def _panels(n: int, label: str) -> tuple[Figure, list[Axes]]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from losbench.figures import use_style
+
+    use_style()
+    fig = Figure(figsize=(8.0, 2.0 * n + 0.6))
+    FigureCanvasAgg(fig)
+    axes = list(fig.subplots(n, 1, sharex=True))
+    axes[-1].set_xlabel(label)
+    return fig, axes
+
+
+def _save(fig: Figure, path: Path) -> None:
+    content = io.BytesIO()
+    fig.savefig(content, format="png")
+    write_whole(path, content.getvalue())
