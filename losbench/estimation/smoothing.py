@@ -16,6 +16,7 @@ __all__ = ["Smoothed", "kalman_smooth"]
 Floats = NDArray[np.float64]
 
 _FEWEST = 4  # present samples: two for the unknown start, two to tell noise from motion
+_SAME_LIKELIHOOD = 1e-2
 _ROUNDING = 64 * np.finfo(float).eps
 _STARTS = ((1.0, 1e-3, 1e-5), (0.1, 1.0, 1e-2))  # variances of a noisy and of a restless series, normalised
 
@@ -168,7 +169,9 @@ def _most_likely(model: Any) -> tuple[Floats, bool]:
     options = {"method": "lbfgs", "maxiter": 200, "disp": 0, "warn_convergence": False, "cov_type": "none"}
     fits = [model.fit(start, **options) for start in _STARTS]
     best = max(fits, key=lambda fit: fit.llf)
-    return np.asarray(best.params), bool(best.mle_retvals["converged"])
+    # A line search may fail on the last digits of a flat maximum; it is the maximum if another start has found it too.
+    equal = [fit for fit in fits if fit.llf > best.llf - _SAME_LIKELIHOOD]
+    return np.asarray(best.params), any(fit.mle_retvals["converged"] for fit in equal)
 
 
 def _root(variance: Floats) -> Floats:
