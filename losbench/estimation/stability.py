@@ -245,7 +245,7 @@ def mark_gaps(time_s: ArrayLike, series: ArrayLike) -> Floats:
     [7.0, 8.0, 9.0, nan, 4.0]
     """
     t, x = finite("time_s", time_s, ndim=1), finite_or_nan("series", series)
-    shaped("series", x, (len(t), *map(str, range(x.ndim - 1))), why=f"to match {len(t)} times")
+    shaped("series", x, (len(t), *x.shape[1:]), why=f"to match {len(t)} times")
     step = np.diff(t)
     if (step <= 0).any():
         raise ValueError(f"time_s must increase, but sample {int(np.argmax(step <= 0)) + 1} does not follow the last")
