@@ -12,7 +12,7 @@ import losbench
 
 PACKAGE = Path(losbench.__file__).parent
 ROOMS = ["", "estimation", "imaging", "pointing", "figures", "recording", "papers", "workbench", "cli"]
-GROUND = {"__about__", "units", "checks", "resources"}
+GROUND = {"__about__", "units", "checks", "parameters", "resources"}
 HEAVY = ["statsmodels", "matplotlib", "cv2", "pandas", "scipy.stats"]
 
 

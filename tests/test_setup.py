@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def set_up(folder, lock="", python=sys.executable, **extra):
+def set_up(folder, lock="numpy==2.4.0\n", python=sys.executable, **extra):
     (folder / "requirements.lock").write_text(lock)
     environment = {**os.environ, "PYTHON": str(python), "UV": "", **extra}
     return subprocess.run(

@@ -12,7 +12,7 @@ from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 
 from losbench.workbench.mathfont import math_font
 
-__all__ = ["formula_to_mathml", "index_page", "notebook_title", "notebook_to_html"]
+__all__ = ["formula_to_mathml", "notebook_to_html"]
 
 _TAG = re.compile(r"\\tag\*?\{([^{}]*)\}")
 _NOT_CONVERTED = re.compile(r"<mi>(\\[^<]*|&)</mi>")
@@ -62,25 +62,6 @@ def formula_to_mathml(latex: str, *, block: bool = False) -> str:
         return mathml
     number = f"<span>({escape(tags[0])})</span>" if len(tags) == 1 else ""
     return f'<div class="equation">{mathml}{number}</div>'
-
-
-def index_page(titles: dict[str, str], figures: list[str], tables: list[str]) -> str:
-    """Return the page that leads to the notebooks (name to title), the ledger, the tables and the figures."""
-    notebooks = "".join(f'<li><a href="{name}.html">{escape(title)}</a></li>\n' for name, title in titles.items())
-    listed = ", ".join(f'<a href="../tables/{name}">{escape(name)}</a>' for name in tables) or "none"
-    pictures = "".join(
-        f'<figure><a href="../figures/{name}"><img src="../figures/{name}" alt="{escape(name)}"></a>'
-        f"<figcaption>{escape(name)}</figcaption></figure>\n"
-        for name in figures
-    )
-    return _INDEX.format(notebooks=notebooks, tables=listed, pictures=pictures)
-
-
-def notebook_title(notebook: nbformat.NotebookNode, default: str) -> str:
-    """Return the first heading of a notebook."""
-    text = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
-    heading = re.search(r"^# (.+)$", text, re.MULTILINE)
-    return heading[1].strip() if heading else default
 
 
 class _MathML(IPythonRenderer):  # type: ignore[misc]
@@ -142,21 +123,4 @@ table.dataframe td, .jp-RenderedMarkdown td { text-align: left !important; verti
 <img src="data:image/png;base64,{{ output.data['image/png'] }}" alt="{{ output.metadata.alt | escape_html }}">
 </div>
 {%- endblock data_png %}
-"""
-
-_INDEX = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>losbench: the reproduction</title><style>
-body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222 }}
-figure {{ display: inline-block; width: 18rem; margin: 0 1rem 1rem 0; vertical-align: top }}
-img {{ max-width: 100%; border: 1px solid #ddd }} figcaption {{ font-size: .85rem }}
-</style></head><body>
-<h1>losbench: the reproduction</h1>
-<p>Every printed number with its verdict: <a href="../ledger.html">the ledger of claims</a>.</p>
-<h2>Notebooks</h2>
-<ul>
-{notebooks}</ul>
-<h2>Tables</h2>
-<p>{tables}</p>
-<h2>Figures</h2>
-{pictures}</body></html>
 """

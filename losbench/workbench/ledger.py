@@ -6,78 +6,23 @@ about our value), a proof a third (what the paper's own statements or geometry a
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
-from decimal import Decimal
-from functools import cached_property
-from html import escape
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from losbench.checks import boolean, choice, number
-from losbench.resources import build_folder, data_file, write_whole
+from losbench.resources import build_folder, write_whole
+from losbench.workbench.claims import COLUMNS, VERDICTS, Claim, Finding, accepted_verdicts, as_csv, as_text, read_claims
+from losbench.workbench.pages import ledger_page
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["VERDICTS", "Claim", "Finding", "Ledger", "accept", "accepted_verdicts"]
-
-VERDICTS = {
-    "reproduced": "the print lies inside the 99.7 % interval of our value, its rounding included",
-    "differs": "it does not",
-    "impossible": "it contradicts the paper's own statements or geometry, by a computation",
-    "calibrated": "used to set up the twin, so no evidence",
-    "untestable": "the paper does not give what a test would need",
-    "pending": "not yet examined",
-}
-COLUMNS = (
-    *("id", "paper", "where", "quantity", "relation", "claimed", "unit", "note"),
-    *("ours", "uncertainty", "reading", "verdict", "evidence"),
-)
-_ALL = (-np.inf, np.inf)
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One statement of a paper as printed; ``claimed`` stays text, since 0.10 promises more than 0.1."""
-
-    id: str
-    paper: str
-    where: str
-    quantity: str
-    relation: str
-    claimed: str
-    unit: str
-    note: str
-
-    @cached_property
-    def interval(self) -> tuple[float, float]:
-        """The values that the claim allows, half a unit of its last printed digit included.
-
-        >>> Claim("a", "p", "Tab. 1", "RMS", "=", "0.10", "px", "").interval
-        (0.095, 0.105)
-        """
-        printed = Decimal(self.claimed)
-        rounding = Decimal((0, (5,), int(printed.as_tuple().exponent) - 1))
-        low, high = float(printed - rounding), float(printed + rounding)
-        return {"<=": (-np.inf, high), ">=": (low, np.inf)}.get(self.relation, (low, high))
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What a notebook found about one claim, as the ledger prints it."""
-
-    verdict: str
-    ours: str = ""
-    uncertainty: str = ""
-    reading: str = ""
-    evidence: str = ""
+__all__ = ["Ledger"]
 
 
 class Ledger:
@@ -108,8 +53,7 @@ class Ledger:
     """
 
     def __init__(self, claims: str | Path | None = None) -> None:
-        with open(claims or data_file("claims.csv"), encoding="utf-8", newline="") as file:
-            self.claims = {row["id"]: Claim(**row) for row in csv.DictReader(file)}
+        self.claims = read_claims(claims)
         self.findings: dict[str, Finding] = {}
 
     def judge(
@@ -196,9 +140,9 @@ class Ledger:
             return self._enter(claim, "impossible", ours, None, reading, proof)
         if contradiction is not None or (at_least is None and at_most is None):
             raise ValueError(f"{claim} is a number: give at_least or at_most, not contradiction")
-        low = _ALL[0] if at_least is None else number("at_least", at_least)
-        high = _ALL[1] if at_most is None else number("at_most", at_most, low=low)
-        bound = " and ".join(f"{sign} {_text(b)}" for sign, b in ((">=", at_least), ("<=", at_most)) if b is not None)
+        low = -np.inf if at_least is None else number("at_least", at_least)
+        high = np.inf if at_most is None else number("at_most", at_most, low=low)
+        bound = " and ".join(f"{sign} {as_text(b)}" for sign, b in ((">=", at_least), ("<=", at_most)) if b is not None)
         if _meet(one.interval, (low, high)):
             stated = f"{one.relation} {one.claimed} {one.unit}"
             raise ValueError(f"{claim} is not impossible: {stated} agrees with the bound {bound}")
@@ -273,29 +217,11 @@ class Ledger:
 
     def to_csv(self) -> str:
         """Return the whole ledger as CSV text, one row per claim."""
-        return _csv(COLUMNS, self.rows())
+        return as_csv(COLUMNS, self.rows())
 
     def to_html(self) -> str:
         """Return the whole ledger as a page of its own that asks for nothing from outside."""
-        counts = Counter(self.verdicts().values())
-        key = "".join(
-            f'<tr><td class="{verdict}">{verdict}</td><td>{counts[verdict]}</td><td>{escape(meaning)}</td></tr>'
-            for verdict, meaning in VERDICTS.items()
-        )
-        head = "".join(f"<th>{name}</th>" for name in COLUMNS)
-        body = "\n".join(_html_row(row) for row in self.rows())
-        return _PAGE.format(key=key, head=head, body=body, total=len(self.claims))
-
-    def summary(self, verdict: str | None = None) -> str:
-        """Return one line per claim, or per claim of one verdict, and how many there are of each, as text."""
-        rows = [row for row in self.rows() if verdict in (None, row["verdict"])]
-        lines = [
-            f"{row['id']:<12} {row['verdict']:<11} {row['quantity']}: {row['relation']} {row['claimed']} {row['unit']}"
-            + f", ours {row['ours']}" * bool(row["ours"])
-            for row in rows
-        ]
-        counts = Counter(row["verdict"] for row in rows)
-        return "\n".join([*lines, "", ", ".join(f"{counts[name]} {name}" for name in VERDICTS if counts[name])])
+        return ledger_page(list(self.rows()))
 
     def _claim(self, id_: str) -> Claim:
         if id_ not in self.claims:
@@ -312,7 +238,9 @@ class Ledger:
         evidence: str,
     ) -> Finding:
         self._claim(id_)
-        finding = Finding(choice("verdict", verdict, VERDICTS), _text(ours), _text(uncertainty, 2), reading, evidence)
+        finding = Finding(
+            choice("verdict", verdict, VERDICTS), as_text(ours), as_text(uncertainty, 2), reading, evidence
+        )
         before = self.findings.get(id_, finding)
         if before.verdict != verdict:
             raise ValueError(f"{id_} is judged twice: {before.verdict}, then {verdict}")
@@ -320,60 +248,5 @@ class Ledger:
         return finding
 
 
-def accepted_verdicts() -> dict[str, str]:
-    """Return the verdicts of ``data/verdicts.csv`` by id: what a reproduction is compared with."""
-    with data_file("verdicts.csv").open(encoding="utf-8", newline="") as file:
-        return {row["id"]: row["verdict"] for row in csv.DictReader(file)}
-
-
-def accept(verdicts: Mapping[str, str]) -> None:
-    """Rewrite ``data/verdicts.csv`` with these verdicts."""
-    rows = ({"id": id_, "verdict": verdict} for id_, verdict in verdicts.items())
-    write_whole(data_file("verdicts.csv"), _csv(("id", "verdict"), rows))
-
-
 def _meet(a: tuple[float, float], b: tuple[float, float]) -> bool:
     return a[0] <= b[1] and b[0] <= a[1]
-
-
-def _text(value: float | np.bool_ | str | None, digits: int = 6) -> str:
-    """Six digits: enough for every print, too few for the noise of another BLAS to show."""
-    if isinstance(value, bool | np.bool_):
-        return str(bool(value)).lower()
-    if value is None or isinstance(value, str):
-        return value or ""
-    return f"{float(value):.{digits}g}"
-
-
-def _csv(columns: Iterable[str], rows: Iterable[Mapping[str, str]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
-def _html_row(row: Mapping[str, str]) -> str:
-    classes = {**{column: column for column in COLUMNS}, "verdict": row["verdict"]}
-    cells = "".join(f'<td class="{classes[column]}">{escape(row[column])}</td>' for column in COLUMNS)
-    return f'<tr id="{row["id"]}">{cells}</tr>'
-
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>losbench: ledger of claims</title><style>
-body {{ font: 15px/1.45 system-ui, sans-serif; margin: 2rem; color: #222; background: #fff }}
-table {{ border-collapse: collapse; margin: 1rem 0 }}
-th, td {{ text-align: left; vertical-align: top; padding: .3rem .6rem; border-bottom: 1px solid #ddd }}
-th {{ position: sticky; top: 0; background: #f4f4f4 }}
-.claimed, .ours, .uncertainty {{ text-align: right; font-variant-numeric: tabular-nums }}
-.evidence, .reading {{ min-width: 16rem }}
-.reproduced {{ background: #d6efe5 }} .differs {{ background: #fbe3c0 }} .impossible {{ background: #f6d3c2 }}
-.calibrated {{ background: #d8ebf8 }} .untestable, .pending {{ background: #ececec }}
-</style></head><body>
-<h1>Ledger of claims</h1>
-<p>{total} printed numbers and statements of three papers, each with our value and a verdict computed by rule.</p>
-<table><tr><th>verdict</th><th>claims</th><th>meaning</th></tr>{key}</table>
-<table><tr>{head}</tr>
-{body}
-</table></body></html>
-"""

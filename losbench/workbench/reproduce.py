@@ -9,10 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
+import signal
 import tempfile
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import distributions
 from pathlib import Path
@@ -21,8 +23,10 @@ from tqdm import tqdm
 
 from losbench.checks import integer
 from losbench.resources import build_folder, data_file, notebook_folder, write_whole
-from losbench.workbench.ledger import Ledger, accept, accepted_verdicts
-from losbench.workbench.running import Run, reads_others, run_notebook
+from losbench.workbench.claims import accept, accepted_verdicts
+from losbench.workbench.ledger import Ledger
+from losbench.workbench.pages import index_page
+from losbench.workbench.running import Run, end_with_parent, reads_others, run_notebook
 
 __all__ = ["Reproduction", "reproduce"]
 
@@ -105,7 +109,7 @@ def reproduce(
     _forget(target, keep={path.stem for path in every})
     runs = _run_all(chosen, target, workers=workers, force=force, quiet=quiet)
     changed, counts = _settle(target, complete=not select, accept_verdicts=accept_verdicts, runs=runs)
-    _write_index(every, target)
+    write_whole(target / "html" / "index.html", index_page(every, target))
     return Reproduction(runs, changed, target, counts)
 
 
@@ -118,6 +122,7 @@ def _run_all(chosen: list[Path], target: Path, *, workers: int, force: bool, qui
     last = [path for path in due if reads_others(path.stem)]
     runs = {path.stem: run for path, run in old.items() if run is not None}
     with (
+        _stoppable(),
         tempfile.TemporaryDirectory(prefix=".running-", dir=target, ignore_cleanup_errors=True) as stage,
         tqdm(total=len(due), unit="notebook", disable=quiet or not due) as bar,
     ):
@@ -134,7 +139,7 @@ def _run_batch(batch: list[Path], stage: Path, target: Path, workers: int) -> It
     if not batch:
         return
     # A fresh interpreter per worker: nothing of this process, neither threads nor settings, reaches a notebook.
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=end_with_parent) as pool:
         try:
             tasks = [pool.submit(run_notebook, path, stage / path.stem, target) for path in batch]
             for task in as_completed(tasks):
@@ -144,6 +149,19 @@ def _run_batch(batch: list[Path], stage: Path, target: Path, workers: int) -> It
             for worker in multiprocessing.active_children():
                 worker.terminate()
             raise
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let a request to terminate unwind as Ctrl-C does, so that workers and half-made files go too."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _install(run: Run, inputs: str, stage: Path, target: Path) -> None:
@@ -219,18 +237,3 @@ def _settle(
         if found.get(id_) != verdict and (complete or id_ in ledger.findings)
     ]
     return changed, counts
-
-
-def _write_index(notebooks: list[Path], target: Path) -> None:
-    import nbformat
-
-    from losbench.workbench.export import index_page, notebook_title
-
-    titles = {
-        path.stem: notebook_title(nbformat.read(path, as_version=4), path.stem)
-        for path in notebooks
-        if (target / "html" / f"{path.stem}.html").is_file()
-    }
-    figures = sorted(path.name for path in (target / "figures").glob("*.png"))
-    tables = sorted(path.name for path in (target / "tables").glob("*.csv"))
-    write_whole(target / "html" / "index.html", index_page(titles, figures, tables))

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import multiprocessing
 import os
 import shutil
 import tempfile
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import nbformat
-from jupyter_client.manager import AsyncKernelManager
-from nbclient import NotebookClient
-from nbclient.exceptions import CellControlSignal, CellExecutionError, DeadKernelError
+# The imports of Jupyter take seconds, and the process that starts the workers does without: they stand where needed.
 
-from losbench.workbench.export import notebook_to_html
-
-__all__ = ["Run", "reads_others", "run_notebook"]
+__all__ = ["Run", "end_with_parent", "reads_others", "run_notebook"]
 
 _QUIET_MACHINE = {
     "PYTHONHASHSEED": "0",
@@ -38,6 +35,18 @@ class Run:
     products: tuple[str, ...] = ()
 
 
+def end_with_parent() -> None:
+    """Watch the process that started this worker: a worker whose parent was killed must not linger."""
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def reads_others(notebook: str) -> bool:
     """Whether a notebook reads what the others have written: it runs last, and in the build folder itself."""
     return notebook >= "90"
@@ -45,6 +54,10 @@ def reads_others(notebook: str) -> bool:
 
 def run_notebook(path: Path, folder: Path, target: Path) -> Run:
     """Execute a notebook; its pages and whatever it saves go to ``folder``."""
+    import nbformat
+
+    from losbench.workbench.export import notebook_to_html
+
     started = time.perf_counter()
     for part in ("work", "notebooks", "html"):
         (folder / part).mkdir(parents=True)
@@ -65,6 +78,10 @@ def run_notebook(path: Path, folder: Path, target: Path) -> Run:
 
 def _execute(notebook: Any, name: str, *, cwd: Path, build: Path) -> str:
     """Run all cells in a fresh kernel and return what went wrong, the cell named, or nothing."""
+    from jupyter_client.manager import AsyncKernelManager
+    from nbclient import NotebookClient
+    from nbclient.exceptions import CellControlSignal, CellExecutionError, DeadKernelError
+
     current: dict[str, Any] = {"id": "none", "index": -1}
     # Sockets in a temporary folder: no race for ports, nothing left behind, and a path short enough for a socket.
     with tempfile.TemporaryDirectory(prefix="losbench-") as sockets:
@@ -84,11 +101,6 @@ def _execute(notebook: Any, name: str, *, cwd: Path, build: Path) -> str:
             asyncio.run(client.async_execute(env=environment, cleanup_kc=True))
         except (CellControlSignal, DeadKernelError) as problem:
             where = f"{name}, cell {current['id']!r} (number {current['index'] + 1})"
-            return f"{where}: {_last_words(problem)}"
+            raised = isinstance(problem, CellExecutionError)
+            return f"{where}: {f'{problem.ename}: {problem.evalue}' if raised else problem}"
     return ""
-
-
-def _last_words(problem: Exception) -> str:
-    if isinstance(problem, CellExecutionError):
-        return f"{problem.ename}: {problem.evalue}"
-    return str(problem).strip()

@@ -113,7 +113,7 @@ def test_a_verdict_other_than_the_accepted_one_fails_the_run(notebooks, tmp_path
     accepted = tmp_path / "verdicts.csv"
     accepted.write_text("id,verdict\nirls-13,differs\n")
     monkeypatch.setattr(
-        "losbench.workbench.ledger.data_file", lambda name: accepted if name == accepted.name else real(name)
+        "losbench.workbench.claims.data_file", lambda name: accepted if name == accepted.name else real(name)
     )
     result = reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, quiet=True)
     assert not result.ok
