@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 __all__ = ["RING", "RingPlane", "fit_ring", "gate_hot_pixels"]
 
 Floats = NDArray[np.float64]
+Pixels = NDArray[np.floating[Any]]
 
 RING = 4  # pixels, the ring's breadth
 _CLIP = 3.0
@@ -47,7 +49,7 @@ class RingPlane:
         return down[:, :, None] + across[:, None, :]
 
 
-def fit_ring(stamps: Floats, side: int) -> RingPlane:
+def fit_ring(stamps: Pixels, side: int) -> RingPlane:
     """Fit a plane to the ring of four pixels around the middle ``side`` pixels, in two clipped passes.
 
     Parameters
@@ -70,7 +72,10 @@ def fit_ring(stamps: Floats, side: int) -> RingPlane:
     row, column = np.nonzero((distance > side // 2) & (distance <= side // 2 + RING))
     values = stamps.reshape(len(stamps), -1).take(row * len(offset) + column, axis=1)
     reach = float(offset[-1])
-    basis = np.stack([np.ones(len(row)), offset[column] / reach, offset[row] / reach], axis=-1)
+    basis = np.stack([np.ones(len(row)), offset[column] / reach, offset[row] / reach], axis=-1).astype(stamps.dtype)
+
+    _, x, y = basis.T
+    products = np.stack([basis[:, 0], x, y, x * x, x * y, y * y], axis=-1)
 
     middle, scatter = _median_and_scatter(values[:, ::4])
     values -= middle[:, None]
@@ -83,24 +88,28 @@ def fit_ring(stamps: Floats, side: int) -> RingPlane:
         keep = np.abs(residual) <= _CLIP * scatter[:, None]
         if present is not None:
             keep &= present
-        kept = keep.astype(np.float64)
-        inverse = _inverse_normal(kept, basis)
-        plane = np.einsum("mij,mj->mi", inverse, (kept * values) @ basis)
-        residual = values - plane @ basis.T
-        kept *= residual
-        count = np.count_nonzero(keep, axis=1)
-        scatter = np.sqrt(np.einsum("mr,mr->m", kept, kept) / np.maximum(count - 3, 1) / _KEPT_VARIANCE)
-    empty = count == 0
+        kept = keep.astype(values.dtype)
+        sums = (kept @ products).astype(np.float64)
+        inverse = _inverse_normal(sums)
+        kept *= values
+        moments = (kept @ basis).astype(np.float64)
+        plane = np.einsum("mij,mj->mi", inverse, moments)
+        residual = values - (plane @ basis.T.astype(np.float64)).astype(values.dtype)
+        squares = np.einsum("mr,mr->m", kept, values) - np.einsum("mi,mi->m", plane, moments)
+        scatter = np.sqrt(np.maximum(squares, 0.0) / np.maximum(sums[:, 0] - 3.0, 1.0) / _KEPT_VARIANCE).astype(
+            values.dtype
+        )
+    empty = sums[:, 0] == 0
     return RingPlane(
         level=np.where(empty, np.nan, middle + plane[:, 0]),
         slope=plane[:, 1:] / reach,
-        scatter=np.where(empty, np.nan, scatter),
+        scatter=np.where(empty, np.nan, scatter.astype(np.float64)),
         level_variance=inverse[:, 0, 0],
-        slope_variance=np.stack([inverse[:, 1, 1], inverse[:, 2, 2]], axis=-1) / reach**2,
+        slope_variance=inverse[:, (1, 2), (1, 2)] / reach**2,
     )
 
 
-def gate_hot_pixels(signal: Floats, scatter: Floats) -> Floats:
+def gate_hot_pixels(signal: Pixels, scatter: Floats) -> Pixels:
     """Replace each pixel that stands out of its 3 x 3 neighbourhood by the neighbourhood's median.
 
     Parameters
@@ -122,13 +131,13 @@ def gate_hot_pixels(signal: Floats, scatter: Floats) -> Floats:
     import cv2
 
     tall = np.ascontiguousarray(signal.reshape(-1, signal.shape[2]), dtype=np.float32)
-    median = cv2.medianBlur(tall, 3).reshape(signal.shape).astype(np.float64)
+    median = cv2.medianBlur(tall, 3).reshape(signal.shape).astype(signal.dtype)
     hot = signal > 2.0 * np.maximum(median, 0.0) + 5.0 * scatter[:, None, None]
     hot[:, [0, -1]] = hot[:, :, [0, -1]] = False
     return np.where(hot, median, signal)
 
 
-def _median_and_scatter(values: Floats) -> tuple[Floats, Floats]:
+def _median_and_scatter(values: Pixels) -> tuple[Pixels, Pixels]:
     """Median and 1.4826 MAD of each row, of the pixels that are there."""
     if np.isnan(values).any():
         values = values.copy()
@@ -145,9 +154,17 @@ def _median_and_scatter(values: Floats) -> tuple[Floats, Floats]:
     return middle, np.maximum(1.4826 * scatter, np.asarray(np.nanmean(deviation, axis=1)) / _CLIP)
 
 
-def _inverse_normal(kept: Floats, basis: Floats) -> Floats:
-    """Inverse of basis^T basis over the kept pixels (1 or 0) of each spot."""
-    products = (basis[:, :, None] * basis[:, None, :]).reshape(-1, 9)
+def _inverse_normal(sums: Floats) -> Floats:
+    """Inverse normal matrix of the plane 1, x, y from the sums of 1, x, y, xx, xy, yy, by cofactors."""
+    n, sx, sy, sxx, sxy, syy = sums.T
     # Enough to invert what a corner of a frame or an empty ring leaves, too little to matter elsewhere.
-    normal = (kept @ products).reshape(-1, 3, 3) + 1e-6 * np.eye(3)
-    return np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    n, sxx, syy = n + 1e-6, sxx + 1e-6, syy + 1e-6
+    adjugate = np.array(
+        [
+            [sxx * syy - sxy**2, sy * sxy - sx * syy, sx * sxy - sy * sxx],
+            [sy * sxy - sx * syy, n * syy - sy**2, sx * sy - n * sxy],
+            [sx * sxy - sy * sxx, sx * sy - n * sxy, n * sxx - sx**2],
+        ]
+    )
+    determinant = n * adjugate[0, 0] + sx * adjugate[0, 1] + sy * adjugate[0, 2]
+    return np.moveaxis(adjugate / determinant, -1, 0)

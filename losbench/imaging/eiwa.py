@@ -10,6 +10,7 @@ Here M spots move at once. Positions are counted from the middle of each stamp, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,11 @@ from numpy.typing import NDArray
 __all__ = ["NEWTON_LIMIT", "Look", "WindowFit", "eiwa", "grey", "look", "spread"]
 
 Floats = NDArray[np.float64]
+Pixels = NDArray[np.floating[Any]]
 
 NEWTON_LIMIT = 0.85  # contraction beyond which extrapolation amplifies noise more than it helps
 _LONGEST_STEP = 1.0  # pixels
+_NEWTON_LEAVES = 0.1  # part of a Newton step that may be left after it: the contraction's own change and noise
 
 
 @dataclass(frozen=True)
@@ -33,15 +36,19 @@ class Look:
 
 @dataclass(frozen=True)
 class WindowFit:
-    """Where M windows came to rest: centre and the error that is left (M, 2), evaluations, at rest or not (M,)."""
+    """Where M windows came to rest: centroid and the error that is left (M, 2), evaluations, at rest or not (M,).
 
-    centre: Floats
+    ``seen`` is what each window saw when it was last evaluated.
+    """
+
+    centroid: Floats
     remaining: Floats
     n_iter: NDArray[np.int64]
     converged: NDArray[np.bool_]
+    seen: Look
 
 
-def look(pixels: Floats, centre: Floats, window: int) -> Look:
+def look(pixels: Pixels, centre: Floats, window: int) -> Look:
     """Sum and centroid of a window (eq. 13-14), and the derivative of the centroid by the window's centre.
 
     The centroid is m = sum w x I / sum w I over weights w that are 1 inside, 0 outside and the overlapping fraction on
@@ -49,28 +56,25 @@ def look(pixels: Floats, centre: Floats, window: int) -> Look:
     dm/dc = ((x_right - m) S_right + (m - x_left) S_left) / T, about N S_edge / T.
     """
     offset = np.arange(pixels.shape[2]) - pixels.shape[2] // 2
-    weight_x, weight_y = _overlap(offset, centre[:, 0], window), _overlap(offset, centre[:, 1], window)
-    columns = np.matmul(weight_y[:, None, :], pixels)[:, 0]
-    rows = np.matmul(pixels, weight_x[:, :, None])[:, :, 0]
-    weighted = columns * weight_x
-    total = weighted.sum(axis=1)
+    weight = _overlap(offset, centre, window)
+    sums = _column_and_row_sums(pixels, weight)
+    total = np.einsum("mk,mk->m", sums[:, 0], weight[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        centroid = np.stack([weighted @ offset, (rows * weight_y) @ offset], axis=-1) / total[:, None]
-        edges = [_edge_pull(sums, centre[:, k], centroid[:, k], window) for k, sums in enumerate((columns, rows))]
-        contraction = np.stack(edges, axis=-1) / total[:, None]
+        centroid = np.einsum("mak,mak,k->ma", sums, weight, offset) / total[:, None]
+        contraction = _edge_pull(sums, centre, centroid, window) / total[:, None]
     return Look(total, centroid, contraction)
 
 
-def grey(pixels: Floats, centre: Floats, window: int) -> WindowFit:
+def grey(pixels: Pixels, centre: Floats, window: int) -> WindowFit:
     """Centroid of a window that stays where it is (eq. 11-12); what is left is its pull, contraction * (centre - m)."""
     seen = look(pixels, centre, window)
     pull = seen.contraction * (centre - seen.centroid)
     measured = np.isfinite(seen.centroid).sum(axis=1) == 2
-    return WindowFit(seen.centroid, pull, np.ones(len(pixels), dtype=np.int64), measured)
+    return WindowFit(seen.centroid, pull, np.ones(len(pixels), dtype=np.int64), measured, seen)
 
 
 def eiwa(
-    pixels: Floats,
+    pixels: Pixels,
     start: Floats,
     window: int,
     *,
@@ -90,7 +94,7 @@ def eiwa(
     stop : "step" or "error"
         "step" is the paper's rule: replace the centre by the centroid and stop once it moves by less than the
         tolerance, eq. (15). What is left then is contraction / (1 - contraction) times the last step. "error" takes
-        Newton steps to the same fixed point, step / (1 - contraction), and stops once that predicted error is below it.
+        Newton steps to the same fixed point, step / (1 - contraction), and stops once what is left is below it.
     tolerance : float, pixels
     max_iter : int
     path : list, optional
@@ -102,7 +106,8 @@ def eiwa(
         A window that leaves the middle pixel of its stamp by more than a pixel stops there, not converged.
     """
     centre = start.copy()
-    remaining = np.full_like(centre, np.nan)
+    remaining, contraction = np.full_like(centre, np.nan), np.full_like(centre, np.nan)
+    total = np.full(len(pixels), np.nan)
     n_iter = np.zeros(len(pixels), dtype=np.int64)
     converged = np.zeros(len(pixels), dtype=bool)
     moving = np.arange(len(pixels))
@@ -113,27 +118,27 @@ def eiwa(
         step = seen.centroid - centre[moving]
         ahead = step / np.maximum(1.0 - seen.contraction, 1.0 - NEWTON_LIMIT)
         if stop == "step":
-            error, move, left = step, step, ahead - step
+            move, left, small = step, ahead - step, step
         else:
             # The derivative is worth having only near the fixed point and away from the pole.
             newton = (k > 0) & (np.abs(seen.contraction) < NEWTON_LIMIT)
             move = np.clip(np.where(newton, ahead, step), -_LONGEST_STEP, _LONGEST_STEP)
-            error, left = ahead, ahead - move
+            left = small = ahead - move + _NEWTON_LEAVES * ahead
         centre[moving] += move
-        remaining[moving] = left
+        remaining[moving], contraction[moving], total[moving] = left, seen.contraction, seen.total
         n_iter[moving] += 1
         if path is not None:
             path.append(centre.copy())
-        rest = np.hypot(error[:, 0], error[:, 1]) < tolerance
+        rest = np.hypot(small[:, 0], small[:, 1]) < tolerance
         converged[moving] = rest
-        astray = ~(np.abs(centre[moving]).max(axis=1) <= 1.0)
-        moving = moving[~(rest | astray)]
+        within = (np.abs(centre[moving, 0]) <= 1.0) & (np.abs(centre[moving, 1]) <= 1.0)
+        moving = moving[~rest & within]
         if not moving.size:
             break
-    return WindowFit(centre, remaining, n_iter, converged)
+    return WindowFit(centre, remaining, n_iter, converged, Look(total, centre, contraction))
 
 
-def spread(pixels: Floats, centre: Floats, window: int, floor: Floats, per_dn: float) -> tuple[Floats, Floats]:
+def spread(pixels: Pixels, centre: Floats, window: int, floor: Floats, per_dn: float) -> tuple[Floats, Floats]:
     """Variance of the sum of a window, and of its first moment about the centre, for independent pixels.
 
     The variance of a pixel is ``floor + per_dn * pixel``: (M,) DN squared, and DN per DN (the inverse of the gain).
@@ -144,27 +149,35 @@ def spread(pixels: Floats, centre: Floats, window: int, floor: Floats, per_dn: f
         sum w^2 V, and sum w^2 (x - c)^2 V for x and y.
     """
     offset = np.arange(pixels.shape[2]) - pixels.shape[2] // 2
-    square_x, square_y = (_overlap(offset, centre[:, k], window) ** 2 for k in (0, 1))
-    arm_x, arm_y = (square * (offset - centre[:, k, None]) ** 2 for k, square in enumerate((square_x, square_y)))
-    columns = floor[:, None] * square_y.sum(axis=1)[:, None]
-    rows = floor[:, None] * square_x.sum(axis=1)[:, None]
+    square = _overlap(offset, centre, window) ** 2
+    arm = square * (offset - centre[:, :, None]) ** 2
+    sums = floor[:, None, None] * square[:, ::-1].sum(axis=2, keepdims=True)
     if per_dn:
-        columns = columns + per_dn * np.matmul(square_y[:, None, :], pixels)[:, 0]
-        rows = rows + per_dn * np.matmul(pixels, square_x[:, :, None])[:, :, 0]
-    total = (columns * square_x).sum(axis=1)
-    return total, np.stack([(columns * arm_x).sum(axis=1), (rows * arm_y).sum(axis=1)], axis=-1)
+        sums = sums + per_dn * _column_and_row_sums(pixels, square)
+    sums = np.broadcast_to(sums, arm.shape)
+    return np.einsum("mk,mk->m", sums[:, 0], square[:, 0]), np.einsum("mak,mak->ma", sums, arm)
 
 
 def _overlap(offset: NDArray[np.intp], centre: Floats, window: int) -> Floats:
-    """Fraction of each pixel that lies within half a window of the centre, along one axis."""
-    return np.clip(0.5 * (window + 1) - np.abs(offset - centre[:, None]), 0.0, 1.0)
+    """Fraction of each pixel column and row that lies within half a window of the centre, (M, 2, S)."""
+    return np.clip(0.5 * (window + 1) - np.abs(offset - centre[:, :, None]), 0.0, 1.0)
+
+
+def _column_and_row_sums(pixels: Pixels, weight: Floats) -> Floats:
+    """Columns summed over weighted rows and rows summed over weighted columns, (M, 2, S)."""
+    weight_x, weight_y = (weight[:, axis].astype(pixels.dtype, copy=False) for axis in (0, 1))
+    sums = np.empty(weight.shape)
+    sums[:, 0] = np.matmul(weight_y[:, None, :], pixels)[:, 0]
+    sums[:, 1] = np.matmul(pixels, weight_x[:, :, None])[:, :, 0]
+    return sums
 
 
 def _edge_pull(sums: Floats, centre: Floats, centroid: Floats, window: int) -> Floats:
-    """Numerator of the contraction along one axis, from the sums of the two pixel columns that the edges cross."""
-    middle = sums.shape[1] // 2
-    first = np.floor(np.nan_to_num(centre) - 0.5 * window + 0.5).clip(-middle, middle - window)
-    left, right = first, first + window
-    at = np.arange(len(sums))
-    sum_left, sum_right = sums[at, left.astype(int) + middle], sums[at, right.astype(int) + middle]
+    """Numerator of the contraction, from the sums of the two pixel columns (and rows) that the edges cross."""
+    middle = sums.shape[2] // 2
+    left = np.floor(np.nan_to_num(centre) - 0.5 * (window - 1)).clip(-middle, middle - window)
+    right = left + window
+    place = left.astype(np.intp)[:, :, None] + middle
+    sum_left = np.take_along_axis(sums, place, axis=2)[:, :, 0]
+    sum_right = np.take_along_axis(sums, place + window, axis=2)[:, :, 0]
     return (right - centroid) * sum_right + (centroid - left) * sum_left

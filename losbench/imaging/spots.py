@@ -8,7 +8,7 @@ from scipy.special import erf
 
 from losbench.checks import finite, integer, non_negative, positive, shaped
 
-__all__ = ["render_spots"]
+__all__ = ["render_spots", "render_streaks"]
 
 Floats = NDArray[np.float64]
 
@@ -69,6 +69,49 @@ def render_spots(
     across = _pixel_shares(relative[..., 0], width[..., 0], columns)
     down = _pixel_shares(relative[..., 1], width[..., 1], rows)
     return np.matmul(np.swapaxes(down * light[..., None], -1, -2), across)
+
+
+def render_streaks(
+    tracks: ArrayLike,
+    share: ArrayLike,
+    flux: ArrayLike,
+    sigma: ArrayLike,
+    shape: tuple[int, int],
+    origin: ArrayLike = (0, 0),
+) -> Floats:
+    """Expected image of Gaussian spots that move while the camera exposes.
+
+    Parameters
+    ----------
+    tracks : (..., n, S, 2) array, pixels
+        Where each of the n spots of an image is at S moments, close enough for the spots to overlap.
+    share : (S,) array
+        Part of the exposure that each moment stands for.
+    flux, sigma, shape, origin
+        As for `render_spots`; ``sigma`` is one number or one pair.
+
+    Returns
+    -------
+    (..., rows, columns) array, electrons
+
+    Raises
+    ------
+    ValueError
+        As `render_spots` does, or if a shape does not fit.
+
+    Examples
+    --------
+    >>> track = [[[3.0, 2.0], [4.0, 2.0], [5.0, 2.0]]]
+    >>> image = render_streaks(track, [0.25, 0.5, 0.25], flux=100.0, sigma=0.5, shape=(5, 9))
+    >>> round(float(image.sum()), 1), int(image[2].argmax())
+    (100.0, 4)
+    """
+    path, part = np.asarray(tracks, dtype=np.float64), finite("share", share, ndim=1)
+    shaped("tracks", path, ("...", "n", len(part), 2), why=f"to match {len(part)} shares")
+    light = _fitting("flux", non_negative("flux", flux), path.shape[:-2])
+    width = np.broadcast_to(positive("sigma", sigma), (2,))
+    spots = path.reshape(*path.shape[:-3], -1, 2)
+    return render_spots(spots, (light[..., None] * part).reshape(spots.shape[:-1]), width, shape, origin)
 
 
 def _pixel_shares(centre: Floats, sigma: Floats, n_pixels: int) -> Floats:

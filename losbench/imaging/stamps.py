@@ -13,6 +13,7 @@ from losbench.checks import integer
 __all__ = ["as_stack", "as_starts", "cut_stamps", "in_frame", "peak_pixels", "spot_sigma"]
 
 Floats = NDArray[np.float64]
+Pixels = NDArray[np.floating[Any]]
 
 _SIGMA_REACH = 20  # pixels around a spot that its width is read from
 _SIGMA_FRAMES = 16
@@ -31,17 +32,17 @@ def as_stack(frames: ArrayLike) -> NDArray[Any]:
 
 
 def as_starts(name: str, start: ArrayLike, n_frames: int) -> Floats:
-    """Return start positions as (F, n, 2); NaN marks a spot that is missing from a frame."""
+    """Return start positions as (F, n, 2), NaN for a spot that is missing from a frame."""
     xy = np.asarray(start, dtype=np.float64)
     fits = xy.ndim in (2, 3) and xy.shape[-1] == 2 and xy.size > 0
     if not fits or (xy.ndim == 3 and xy.shape[0] != n_frames):
         raise ValueError(
             f"{name} must have shape (n, 2) or ({n_frames}, n, 2) to match {n_frames} frames, got {xy.shape}"
         )
-    return np.broadcast_to(xy, (n_frames, *xy.shape[-2:]))
+    return np.broadcast_to(np.where(np.isfinite(xy), xy, np.nan), (n_frames, *xy.shape[-2:]))
 
 
-def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.intp], reach: int) -> Floats:
+def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.intp], reach: int) -> Pixels:
     """Cut M square stamps of ``2 * reach + 1`` pixels around whole-pixel centres.
 
     Parameters
@@ -56,13 +57,13 @@ def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.
     Returns
     -------
     (M, 2 reach + 1, 2 reach + 1) array
-        NaN where a stamp reaches beyond the frame.
+        NaN where a stamp reaches beyond the frame. Single precision for integers of up to 16 bits and for float32.
     """
     size = 2 * reach + 1
     corner = centre - reach
     _, rows, columns = stack.shape
     inside = ((corner >= 0) & (corner + size <= (columns, rows))).all(axis=1)
-    stamps = np.empty((len(frame), size, size))
+    stamps = np.empty((len(frame), size, size), dtype=np.result_type(stack.dtype, np.float32))
     if inside.any():
         views = sliding_window_view(stack, (size, size), axis=(1, 2))
         stamps[inside] = views[frame[inside], corner[inside, 1], corner[inside, 0]]
@@ -119,7 +120,7 @@ def peak_pixels(frames: ArrayLike, near: ArrayLike, radius: int) -> Floats:
 
 def in_frame(stack: NDArray[Any], places: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Frame number, spot number and nearest pixel of the places that are not NaN and lie within their frame."""
-    nearest = np.rint(np.nan_to_num(places, nan=-1.0, posinf=-1.0, neginf=-1.0)).clip(-1, 2**31).astype(np.intp)
+    nearest = np.rint(np.nan_to_num(places, nan=-1.0)).clip(-1, 2**31).astype(np.intp)
     inside = ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=-1) & ~np.isnan(places).any(axis=-1)
     frame, spot = np.nonzero(inside)
     return frame, spot, nearest[inside]
@@ -140,11 +141,11 @@ def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
     chosen = np.unique(np.linspace(0, len(stack) - 1, _SIGMA_FRAMES).astype(int))
     frame, spot, middle = in_frame(stack, places[chosen])
     stamps = cut_stamps(stack, chosen[frame], middle, _SIGMA_REACH)
-    widths = [_bright_sigma(stamps[spot == k]) for k in np.unique(spot)]
+    widths = [_bright_sigma(stamps[spot == k].astype(np.float64)) for k in np.unique(spot)]
     return float(np.nanmedian(widths)) if np.isfinite(widths).any() else np.nan
 
 
-def _bright_sigma(stamps: Floats) -> float:
+def _bright_sigma(stamps: Pixels) -> float:
     from scipy import ndimage
 
     present = np.isfinite(stamps)

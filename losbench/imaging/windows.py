@@ -17,6 +17,7 @@ from losbench.imaging.stamps import cut_stamps
 __all__ = ["Choices", "Measured", "SpotFlag", "measure_windows"]
 
 Floats = NDArray[np.float64]
+Pixels = NDArray[np.floating[Any]]
 Whole = NDArray[np.intp]
 
 _OFF_CENTRE = 0.6  # pixels; over a half, so that a centroid near a pixel border is not cut back and forth
@@ -68,8 +69,8 @@ class Measured:
 class _Stamps:
     """Windows ready to be weighed: what was read, the background under it, what is left, and what was not read."""
 
-    raw: Floats
-    signal: Floats
+    raw: Pixels
+    signal: Pixels
     missing: NDArray[np.bool_] | None
     plane: RingPlane
 
@@ -81,43 +82,52 @@ def measure_windows(
     start: Floats,
     how: Choices,
     *,
+    now: Floats | None = None,
     path: list[Floats] | None = None,
     recuts: int = 10,
 ) -> Measured:
     """Measure M spots: frame numbers (M,), whole pixels to cut around (M, 2) and starts (M, 2) in frame pixels.
 
-    A window that comes to rest off the middle pixel of its stamp is cut anew around where it is, so that the ring is
-    centred too and the answer does not depend on the start. ``path`` receives the centres (M, 2) of every iteration.
+    A window that leaves the middle pixel of its stamp, or comes to rest off it while the ring does not, is cut anew
+    around where it is ``now``. ``path`` receives the centres (M, 2) of every iteration.
     """
     stamps = _cut(stack, frame, middle, how)
-    trace: list[Floats] = []
-    if how.moving:
-        fit = eiwa(
-            stamps.signal,
-            start - middle,
-            how.window,
-            stop=how.stop,
-            tolerance=how.tolerance,
-            max_iter=how.max_iter,
-            path=trace,
-        )
-    else:
+    if not how.moving:
         fit = grey(stamps.signal, np.zeros(middle.shape), how.window)
-    if path is not None:
+        return _judge(stack.shape[1:], middle, stamps, fit, how)
+    trace: list[Floats] | None = None if path is None else []
+    here = (start if now is None else now) - middle
+    rule, size, most = how.stop, how.tolerance, how.max_iter
+    fit = eiwa(stamps.signal, here, how.window, stop=rule, tolerance=size, max_iter=most, path=trace)
+    if path is not None and trace is not None:
         path.extend(centre + middle for centre in trace[bool(path) :])
     result = _judge(stack.shape[1:], middle, stamps, fit, how)
-    result.flags[np.abs(fit.centre + middle - start).max(axis=1) > how.window / 2] |= SpotFlag.NOT_CONVERGED
 
-    nearest = middle + np.rint(np.nan_to_num(fit.centre)).astype(np.intp)
-    again = np.abs(fit.centre).max(axis=1) > _OFF_CENTRE
-    again &= ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=1)
-    again &= np.abs(nearest - start).max(axis=1) <= how.window / 2
-    if how.moving and recuts and again.any():
-        here = fit.centre[again] + middle[again]
-        redone = measure_windows(stack, frame[again], nearest[again], here, how, path=path, recuts=recuts - 1)
+    moved = np.nan_to_num(fit.centroid, posinf=0.0, neginf=0.0)
+    nearest = middle + np.rint(moved).astype(np.intp)
+    strayed = _longest(nearest - start) > how.window / 2
+    result.flags[strayed] |= SpotFlag.NOT_CONVERGED
+    again = (_longest(moved) > _OFF_CENTRE) & ~strayed & _inside(nearest, stack.shape[1:])
+    if how.background != "ring":
+        again &= ~fit.converged
+    if recuts and again.any():
+        now = moved[again] + middle[again]
+        redone = measure_windows(
+            stack, frame[again], nearest[again], start[again], how, now=now, path=path, recuts=recuts - 1
+        )
+        redone.n_iter[:] += result.n_iter[again]
         for name, values in vars(result).items():
-            values[again] = getattr(redone, name) + (values[again] if name == "n_iter" else 0)
+            values[again] = getattr(redone, name)
     return result
+
+
+def _longest(vectors: Floats) -> Floats:
+    return np.maximum(np.abs(vectors[:, 0]), np.abs(vectors[:, 1]))
+
+
+def _inside(pixels: Whole, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    x, y = pixels.T
+    return (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
 
 
 def _cut(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> _Stamps:
@@ -127,7 +137,7 @@ def _cut(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> _Sta
     reach = how.window // 2 + (2 if how.gate else 1)
     margin = slice(how.ring // 2 + RING - reach, how.ring // 2 + RING + reach + 1)
     raw = np.ascontiguousarray(stamps[:, margin, margin])
-    signal = raw - _under(plane, how, reach)
+    signal = raw - np.asarray(_under(plane, how, reach), dtype=raw.dtype)
     absent = np.isnan(raw)
     missing = absent if absent.any() else None
     if missing is not None:
@@ -147,14 +157,14 @@ def _under(plane: RingPlane, how: Choices, reach: int) -> Floats | float:
 
 def _judge(shape: tuple[int, ...], middle: Whole, stamps: _Stamps, fit: WindowFit, how: Choices) -> Measured:
     """Errors and flags of windows that have come to rest."""
-    window_centre = fit.centre if how.moving else np.zeros_like(fit.centre)
-    seen = look(stamps.signal, window_centre, how.window)
+    seen = fit.seen
+    window_centre = fit.centroid if how.moving else np.zeros_like(fit.centroid)
     level = np.broadcast_to(
         np.asarray(_under(stamps.plane, how, 0), dtype=np.float64).reshape(-1), seen.total.shape
     ).copy()
     sigma, sigma_flux = _errors(stamps, window_centre, seen, fit, level, how)
     if how.background == "ring":
-        level = level + (stamps.plane.slope * fit.centre).sum(axis=1)
+        level = level + (stamps.plane.slope * fit.centroid).sum(axis=1)
 
     at = window_centre + middle
     end = np.array(shape[::-1]) - 0.5
@@ -163,23 +173,24 @@ def _judge(shape: tuple[int, ...], middle: Whole, stamps: _Stamps, fit: WindowFi
     clipped = ((middle < reach) | (middle + reach > end)).any(axis=1)
     holes = np.zeros(len(middle), dtype=bool)
     if stamps.missing is not None:
-        holes = (look(stamps.missing.astype(np.float64), window_centre, how.window).total > 1e-9) & ~leaves
+        unread = look(stamps.missing.astype(np.float64), np.nan_to_num(window_centre), how.window).total
+        holes = (unread > 1e-9) & ~leaves
     with np.errstate(invalid="ignore"):
         faint = ~(seen.total > 0) | (seen.total < _FAINTEST * sigma_flux)
     slow = seen.contraction.max(axis=1) > NEWTON_LIMIT
 
     flags = np.zeros(len(middle), dtype=np.int64)
     for flag, where in (
-        (SpotFlag.NOT_CONVERGED, ~fit.converged),
+        (SpotFlag.NOT_CONVERGED, ~fit.converged & ~holes),
         (SpotFlag.EDGE, leaves | clipped),
         (SpotFlag.SATURATED, _saturated(stamps, level, how)),
-        (SpotFlag.TOO_FAINT, faint),
+        (SpotFlag.TOO_FAINT, faint & ~holes),
         (SpotFlag.SLOW, slow),
         (SpotFlag.MISSING, holes),
     ):
         flags[where] |= flag
     nowhere = (leaves | holes | faint)[:, None]
-    xy = np.where(nowhere, np.nan, fit.centre + middle)
+    xy = np.where(nowhere, np.nan, fit.centroid + middle)
     return Measured(xy, np.where(np.isnan(xy), np.nan, sigma), seen.total, level, fit.n_iter.copy(), flags)
 
 
@@ -204,11 +215,11 @@ def _errors(
 
 def _saturated(stamps: _Stamps, level: Floats, how: Choices) -> NDArray[np.bool_]:
     """Full scale is reached, or more pixels share the maximum than whole numbers make of a round top."""
-    inner = stamps.raw[:, 1:-1, 1:-1]
+    inner = stamps.raw[:, 1:-1, 1:-1].reshape(len(level), -1)
     if stamps.missing is not None:
         inner = np.where(np.isnan(inner), -np.inf, inner)
-    top = inner.max(axis=(1, 2))
-    sharing = np.count_nonzero(inner == top[:, None, None], axis=(1, 2))
+    top = inner.max(axis=1)
+    sharing = (inner == top[:, None]).astype(np.float32).sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         chance = how.window**2 / (top - level)
         plateau = (top > level) & (sharing >= _PLATEAU + chance)

@@ -1,0 +1,175 @@
+"""Centroids and finding beside a plain loop, peers and the physical limit, all in one run.
+
+Ratios of median times on the same spots and frames; ``--save`` writes them to benchmarks/baselines/centroid.csv. Peers
+that are not installed (``pip install sep photutils``) are left out with a line. One thread: set OMP_NUM_THREADS=1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import importlib.util
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import losbench as lb
+
+BASELINE = Path(__file__).parent / "baselines" / "centroid.csv"
+FRAMES, SIGMA, WINDOW, SIZE = 1000, 2.5, 15, 33
+CAMERA = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
+
+
+def naive_eiwa(image, start, window, *, tolerance=1e-3, max_iter=50):
+    """EIWA of one spot as one would write it down: ring plane in two clipped passes, then the moving window."""
+    half = window // 2
+    column, row = np.rint(start).astype(int)
+    y, x = np.mgrid[row - half - 4 : row + half + 5, column - half - 4 : column + half + 5]
+    pixels = image[y, x].astype(float)
+    plane = _naive_plane(pixels, x - column, y - row, half)
+    near = (slice(3, -3), slice(3, -3))
+    x, y = x[near], y[near]
+    signal = pixels[near] - (plane[0] + plane[1] * (x - column) + plane[2] * (y - row))
+
+    centre = np.array(start, dtype=float)
+    for k in range(max_iter):
+        wx = np.clip((window + 1) / 2 - np.abs(x[0] - centre[0]), 0, 1)
+        wy = np.clip((window + 1) / 2 - np.abs(y[:, 0] - centre[1]), 0, 1)
+        weighted = signal * wx * wy[:, None]
+        total = weighted.sum()
+        centroid = np.array([(weighted * x).sum(), (weighted * y).sum()]) / total
+        step = centroid - centre
+        contraction = np.empty(2)
+        for axis, (sums, first) in enumerate(((wy @ signal, x[0, 0]), (signal @ wx, y[0, 0]))):
+            left = int(np.floor(centre[axis] - window / 2 + 0.5))
+            right = left + window
+            pull = (right - centroid[axis]) * sums[right - first] + (centroid[axis] - left) * sums[left - first]
+            contraction[axis] = pull / total
+        ahead = step / np.maximum(1 - contraction, 0.15)
+        centre += np.clip(np.where((k > 0) & (abs(contraction) < 0.85), ahead, step), -1, 1)
+        if np.hypot(*ahead) < tolerance:
+            break
+    return centre
+
+
+def _naive_plane(pixels, x, y, half):
+    in_ring = np.maximum(abs(x), abs(y)) > half
+    value, x, y = pixels[in_ring], x[in_ring], y[in_ring]
+    few = value[::4]
+    middle = np.sort(few)[len(few) // 2]
+    deviation = np.abs(few - middle)
+    scatter = max(1.4826 * np.sort(deviation)[len(few) // 2], deviation.mean() / 3)
+    basis = np.column_stack([np.ones(len(value)), x, y])
+    residual = value - middle
+    for _ in range(2):
+        keep = np.abs(residual) <= 3 * scatter
+        plane, *_ = np.linalg.lstsq(basis[keep], value[keep], rcond=None)
+        residual = value - basis @ plane
+        scatter = np.sqrt((residual[keep] ** 2).sum() / (keep.sum() - 3) / 0.9733)
+    return plane
+
+
+def two_spots(frames, seed=0, size=SIZE, sigma=SIGMA):
+    """Stamps of two spots per frame side by side, and where the spots are: (F, size, 2 size), (F, 2, 2)."""
+    rng = np.random.default_rng(seed)
+    xy = np.array([[size // 2, size // 2], [size + size // 2, size // 2]]) + rng.uniform(-0.4, 0.4, (frames, 2, 2))
+    return CAMERA.expose(lb.render_spots(xy, 5e4, sigma, (size, 2 * size)) + 100.0, rng), xy
+
+
+def seconds(call, repeat):
+    taken = []
+    for _ in range(repeat):
+        begin = time.perf_counter()
+        call()
+        taken.append(time.perf_counter() - begin)
+    return float(np.median(taken))
+
+
+def measure_rows():
+    """Rows of centroiding: (what, ratio, target, detail)."""
+    frames, xy = two_spots(FRAMES)
+    start = np.rint(xy)
+    ours = lb.centroid(frames, start, window=WINDOW)
+    own = seconds(lambda: lb.centroid(frames, start, window=WINDOW), 7) / (2 * FRAMES)
+    few = 200
+    plain = seconds(
+        lambda: [naive_eiwa(f, p, WINDOW) for f, ps in zip(frames[:few], start, strict=False) for p in ps], 3
+    )
+    yield "eiwa: plain loop / batch", plain / (2 * few) / own, 6.0, f"batch {1e6 * own:.1f} us per spot"
+
+    images = [np.ascontiguousarray(f.astype(np.float32)) for f in frames[:200]]
+    if importlib.util.find_spec("sep"):
+        import sep
+
+        levels = [np.median(image) for image in images]
+        flat = [image - level for image, level in zip(images, levels, strict=True)]
+        for subpix, target in ((11, 10.0), (1, 2.5)):
+            run = lambda subpix=subpix: [  # noqa: E731
+                sep.winpos(image, p[:, 0], p[:, 1], np.full(2, SIGMA), subpix=subpix)
+                for image, p in zip(flat, start, strict=False)
+            ]
+            error = np.array([[r[0], r[1]] for r in run()]).transpose(0, 2, 1) - xy[:200]
+            detail = f"rms {1e3 * error.std():.1f} mpx, eiwa {1e3 * (ours.xy - xy).std():.1f}"
+            yield f"eiwa: sep.winpos(subpix={subpix}) / batch", seconds(run, 3) / 400 / own, target, detail
+    else:
+        print("sep is not installed: its rows are left out")
+    if importlib.util.find_spec("photutils"):
+        from photutils.centroids import centroid_com, centroid_sources
+
+        def run_com():
+            for image, p in zip(images[:50], start, strict=False):
+                centroid_sources(
+                    image - np.median(image), p[:, 0], p[:, 1], box_size=WINDOW, centroid_func=centroid_com
+                )
+
+        yield "eiwa: photutils centroid_sources(com) / batch", seconds(run_com, 3) / 100 / own, 8.0, ""
+    else:
+        print("photutils is not installed: its row is left out")
+
+
+def find_rows():
+    """Rows of finding, each over a stack of frames that does not fit into a cache."""
+    light = lb.render_spots([[400.3, 500.2], [1500.0, 600.0]], [6e4, 5e4], 3.5, (1080, 1920)) + 60.0
+    frame = CAMERA.expose(light, 1)
+    stack = np.stack([frame] * 60)
+    level = float(np.median(frame) + 8 * 1.4826 * np.median(np.abs(frame - np.median(frame))))
+
+    def components(image):
+        _, mask = cv2.threshold(image, level, 255, cv2.THRESH_BINARY)
+        return cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+
+    # In turns and by the best fifth, so that what else the machine does strikes all alike and counts little.
+    taken = {name: [] for name in ("find", "components", "max")}
+    for _ in range(3):
+        for name, call in (("find", lb.find_spots), ("components", components), ("max", np.max)):
+            taken[name] += [seconds(lambda image=image, call=call: call(image), 1) for image in stack]
+    find, other, single = (float(np.percentile(taken[name], 20)) for name in ("find", "components", "max"))
+    yield "find: threshold + connected components / find_spots", other / find, 8.0, f"find {1e3 * find:.2f} ms"
+    yield "find: find_spots / np.max (passes)", find / single, -3.5, f"one pass {1e3 * single:.2f} ms"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--save", action="store_true", help="write the table to benchmarks/baselines/centroid.csv")
+    save = parser.parse_args().save
+    cv2.setNumThreads(1)
+    table, missed = [], False
+    for what, ratio, target, detail in (*measure_rows(), *find_rows()):
+        # A negative target is a ceiling.
+        ok = ratio <= -target if target < 0 else ratio >= target
+        bound = f"{'<=' if target < 0 else '>='} {abs(target):g}"
+        print(f"{what:56s} {ratio:8.2f}  target {bound:8s} {'ok' if ok else 'MISSED'}  {detail}")
+        table.append([what, f"{ratio:.2f}", bound, detail])
+        missed |= not ok
+    if save:
+        BASELINE.parent.mkdir(exist_ok=True)
+        with BASELINE.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([["what", "ratio", "target", "detail"], *table])
+    sys.exit(missed)
+
+
+if __name__ == "__main__":
+    main()
