@@ -10,6 +10,9 @@ from losbench.pointing.starcamera.attitude import observability as observability
 from losbench.pointing.starcamera.convention import QuaternionConvention as QuaternionConvention
 from losbench.pointing.starcamera.drift import DriftFit as DriftFit
 from losbench.pointing.starcamera.drift import drift_from_spots as drift_from_spots
+from losbench.pointing.starcamera.pair import CorrectedPair as CorrectedPair
+from losbench.pointing.starcamera.pair import PairTelemetry as PairTelemetry
+from losbench.pointing.starcamera.pair import correct_pair as correct_pair
 from losbench.pointing.starcamera.timing import TimeOffset as TimeOffset
 from losbench.pointing.starcamera.timing import interpolate_attitude as interpolate_attitude
 from losbench.pointing.starcamera.timing import interpolate_drift as interpolate_drift
