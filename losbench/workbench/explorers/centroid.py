@@ -1,0 +1,202 @@
+"""One spot as something to turn: what noise, background, window and start do to its centroid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from losbench.figures import COLOURS
+from losbench.imaging.centroid import SpotFlag, centroid, window_path
+from losbench.imaging.detector import Detector
+from losbench.imaging.spots import render_spots
+from losbench.imaging.stamps import peak_pixels
+from losbench.workbench.explorers.base import Explorer
+from losbench.workbench.explorers.controls import Choice, Control, Field, LogSlider, Slider, whole_number
+from losbench.workbench.explorers.picture import round_up
+
+__all__ = ["CentroidExplorer"]
+
+Floats = NDArray[np.float64]
+
+_SIZE = 61
+_TRUTH = np.array([30.31, 29.83])
+_HOT = (34, 27)
+_FRAMES = 40
+_PHASES = np.linspace(-0.5, 0.5, 21)
+_TURN = np.linspace(0.0, 2.0 * np.pi, 73)
+_METHODS: dict[str, dict[str, Any]] = {
+    "EIWA, Newton": {"method": "eiwa"},
+    "EIWA, stops on a small step": {"method": "eiwa", "stop": "step"},
+    "grey, on the peak pixel": {"method": "grey"},
+    "grey, where it starts": {"method": "grey", "centre": "start"},
+}
+_GAIN_E, _OFFSET_DN = 4.0, 100.0
+
+
+class CentroidExplorer(Explorer):
+    """A spot, the path of its window, how the centroid converges, its error, and its S-curve."""
+
+    controls: ClassVar[dict[str, Control]] = {
+        "flux_e": LogSlider("light of the spot", 4e5, 2e3, 1e6, unit="e⁻"),
+        "read_noise_e": Slider("read noise", 5.0, 0.0, 100.0, 1.0, "e⁻"),
+        "background_e": Slider("background", 50.0, 0.0, 1000.0, 10.0, "e⁻/px"),
+        "gradient_e": Slider("its gradient, along x", 0.0, 0.0, 10.0, 0.1, "e⁻/px²"),
+        "diameter_px": Slider("spot diameter, 4 sigma", 12.0, 4.0, 24.0, 0.5, "px"),
+        "window_px": Slider("window", 19, 5, 39, 2, "px"),
+        "offset_px": Slider("start off by", 2.0, 0.0, 4.0, 0.1, "px"),
+        "hot_e": Slider("hot pixel", 0, 0, 20000, 500, "e⁻"),
+        "method": Choice("method", {name: name for name in _METHODS}, "EIWA, Newton"),
+        "background": Choice("background taken off", {"plane of a ring": "ring", "none": "none"}, "ring"),
+        "seed": Field("seed", 0, whole_number),
+    }
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "as in the paper": {"method": "EIWA, stops on a small step", "background": "none", "window_px": 13},
+        "faint, on a pedestal": {
+            "flux_e": 8000.0,
+            "background_e": 400.0,
+            "method": "EIWA, stops on a small step",
+            "background": "none",
+        },
+    }
+    size_in = (8.8, 3.7)
+
+    def build(self, figure: Figure) -> Sequence[Artist]:
+        """Draw the spot, the trace over evaluations, the S-curve and the errors of many frames."""
+        panels = figure.subplot_mosaic(
+            [["spot", "trace", "errors"], ["spot", "s_curve", "errors"]], width_ratios=(1.25, 1, 1.1)
+        )
+        self._axes = panels
+        self._image = panels["spot"].imshow(np.zeros((_SIZE, _SIZE)), cmap="gray")
+        panels["spot"].grid(visible=False)
+        panels["spot"].set(title="spot, start and final window", xlabel="x (px)", ylabel="y (px)")
+        panels["spot"].set(xlim=(5, _SIZE - 6), ylim=(_SIZE - 6, 5))
+        (self._start,) = panels["spot"].plot([], [], color=COLOURS["sky"], ls="--", lw=1.4)
+        (self._final,) = panels["spot"].plot([], [], color=COLOURS["orange"], lw=1.8)
+        (self._path,) = panels["spot"].plot([], [], ".-", color=COLOURS["orange"], ms=5, lw=1.0)
+        (self._trace,) = panels["trace"].semilogy([], [], "o-", ms=3.5, color=COLOURS["blue"])
+        self._predicted = panels["trace"].axhline(1.0, color=COLOURS["black"], ls="--", lw=1.0)
+        panels["trace"].set(title="centre − truth (px)", xlabel="evaluation", ylim=(1e-5, 10.0))
+        (self._s_curve,) = panels["s_curve"].plot([], [], color=COLOURS["green"])
+        panels["s_curve"].set(
+            title="S-curve (mpx)", xlabel="place on the pixel (px)", xlim=(-0.5, 0.5), xticks=[-0.5, 0, 0.5]
+        )
+        (self._cloud,) = panels["errors"].plot([], [], ".", ms=4, color=COLOURS["sky"])
+        (self._this,) = panels["errors"].plot([], [], "o", ms=6, color=COLOURS["vermilion"])
+        (self._ellipse,) = panels["errors"].plot([], [], "--", lw=1.2, color=COLOURS["black"])
+        panels["errors"].set(
+            title=f"errors of {_FRAMES} frames (mpx)", xlabel="x", ylabel="y", aspect="equal", adjustable="box"
+        )
+        for axes in (panels["s_curve"], panels["errors"]):
+            axes.axhline(0.0, color=COLOURS["black"], lw=0.6)
+        panels["errors"].axvline(0.0, color=COLOURS["black"], lw=0.6)
+        overlay: list[Artist] = [self._start, self._final, self._path]
+        return [
+            self._image,
+            *overlay,
+            self._trace,
+            self._predicted,
+            self._s_curve,
+            self._cloud,
+            self._this,
+            self._ellipse,
+        ]
+
+    def update(
+        self, *, offset_px: float, window_px: int, method: str, background: str, seed: int, **scene: Any
+    ) -> Mapping[str, str]:
+        """Expose the spot many times, measure it each time, and once without noise in places across a pixel."""
+        detector, light = _scene(**scene)
+        how: dict[str, Any] = {**_METHODS[method], "window": window_px, "background": background}
+        start = _TRUTH + offset_px * np.array([0.8, -0.6])
+        frames = detector.expose(np.broadcast_to(light(_TRUTH), (_FRAMES, _SIZE, _SIZE)), seed)
+        found = centroid(frames, start[None], noise=detector, **how)
+        errors, sigma = found.xy[:, 0] - _TRUTH, found.sigma_xy[:, 0]
+        path = _path(frames[0], start, found.xy[0, 0], method, window_px, background)
+        places = _TRUTH.round() + np.stack([_PHASES, 0.0 * _PHASES], axis=-1)
+        quiet = light(places) / _GAIN_E + _OFFSET_DN
+        exact: dict[str, Any] = {"tolerance": 1e-6} if _METHODS[method] == {"method": "eiwa"} else {}
+        s_curve = centroid(quiet, (places + start - _TRUTH)[:, None], **how, **exact).xy[:, 0, 0] - places[:, 0]
+        self._show_spot(frames[0], path, window_px)
+        self._show_numbers(path, errors, sigma, s_curve)
+        with np.errstate(invalid="ignore"):
+            rms, predicted = (np.sqrt(np.mean(values**2, axis=0)) for values in (errors, sigma))
+        flags = SpotFlag(int(found.flags[0, 0]))
+        return {
+            "error of this frame x · y (mpx)": _pair(errors[0]),
+            "its predicted error (mpx)": _pair(sigma[0]),
+            f"RMS error of {_FRAMES} frames (mpx)": _pair(rms),
+            "predicted (mpx)": _pair(predicted),
+            "S-curve, half its height (mpx)": f"{500.0 * np.ptp(s_curve):.2g}",
+            "evaluations": f"{found.n_iter[0, 0]}",
+            "flags": (flags.name or "").replace("|", ", ").lower() or "none",
+        }
+
+    def _show_spot(self, frame: Any, path: Floats, window_px: int) -> None:
+        self._image.set_data(frame)
+        self._image.set_clim(frame.min(), frame.max())
+        half = window_px / 2
+        corners = np.array([[-half, half, half, -half, -half], [-half, -half, half, half, -half]])
+        for outline, centre in ((self._start, path[0]), (self._final, path[-1])):
+            outline.set_data(*(corners + centre[:, None]))
+        self._path.set_data(*path.T)
+
+    def _show_numbers(self, path: Floats, errors: Floats, sigma: Floats, s_curve: Floats) -> None:
+        distance = np.maximum(np.linalg.norm(path - _TRUTH, axis=1), 1e-5)
+        self._trace.set_data(np.arange(len(path)), distance)
+        self._predicted.set_ydata([np.hypot(*sigma[0])] * 2)
+        self._axes["trace"].set_xlim(-0.3, round_up(len(path), least=5.0))
+        self._s_curve.set_data(_PHASES, 1e3 * s_curve)
+        high = round_up(1e3 * s_curve, least=0.1)
+        self._axes["s_curve"].set_ylim(-high, high)
+        self._cloud.set_data(*(1e3 * errors.T))
+        self._this.set_data(*(1e3 * errors[:1].T))
+        self._ellipse.set_data(*(1e3 * sigma[0][:, None] * np.stack([np.cos(_TURN), np.sin(_TURN)])))
+        limit = round_up([*(1e3 * errors.ravel()), *(1e3 * sigma[0])])
+        self._axes["errors"].set(xlim=(-limit, limit), ylim=(-limit, limit))
+
+    def code(self, *, offset_px: float, window_px: int, method: str, background: str, seed: int, **scene: Any) -> str:
+        """Return the exposure and the call of `centroid`."""
+        options = "".join(f", {name}={value!r}" for name, value in _METHODS[method].items())
+        hot = f", hot_pixels=(({_HOT[0]}, {_HOT[1]}, {scene['hot_e']}),)" if scene["hot_e"] else ""
+        start = (_TRUTH + offset_px * np.array([0.8, -0.6])).round(6).tolist()
+        return f"""\
+import numpy as np
+import losbench as lb
+
+detector = lb.Detector(gain_e_per_dn={_GAIN_E}, offset_dn={_OFFSET_DN}, read_noise_e={scene["read_noise_e"]}{hot})
+truth = np.array({_TRUTH.tolist()})
+ramp = {scene["background_e"]} + {scene["gradient_e"]} * (np.arange({_SIZE}) - {(_SIZE - 1) / 2})
+spot = lb.render_spots(truth[None], {scene["flux_e"]}, {scene["diameter_px"] / 4}, ({_SIZE}, {_SIZE}))
+frames = detector.expose(np.broadcast_to(spot + np.maximum(ramp, 0.0), ({_FRAMES}, {_SIZE}, {_SIZE})), {seed})
+found = lb.centroid(
+    frames, [{start}], window={window_px}, background={background!r}, noise=detector{options}
+)
+print(1e3 * (found.xy[0, 0] - truth), 1e3 * found.sigma_xy[0, 0])"""
+
+
+def _scene(
+    *, flux_e: float, read_noise_e: float, background_e: float, gradient_e: float, diameter_px: float, hot_e: int
+) -> tuple[Detector, Any]:
+    """Return the detector, and the electrons to expect of frames with the spot at the places (..., 2)."""
+    hot = ((*_HOT, float(hot_e)),) if hot_e else ()
+    detector = Detector(gain_e_per_dn=_GAIN_E, offset_dn=_OFFSET_DN, read_noise_e=read_noise_e, hot_pixels=hot)
+    ramp = np.maximum(background_e + gradient_e * (np.arange(_SIZE) - (_SIZE - 1) / 2), 0.0)
+    return detector, lambda xy: render_spots(xy[..., None, :], flux_e, diameter_px / 4, (_SIZE, _SIZE)) + ramp
+
+
+def _path(frame: Any, start: Floats, found: Floats, method: str, window_px: int, background: str) -> Floats:
+    """Where the window stood, one row for each evaluation; a grey window stays, and only its centroid is elsewhere."""
+    options = dict(_METHODS[method])
+    if options.pop("method") == "eiwa":
+        return window_path(frame, start, window=window_px, background=background, **{"stop": "error", **options})
+    first = start.round() if "centre" in options else peak_pixels(frame, start[None], window_px // 4)[0]
+    return np.stack([first, np.where(np.isnan(found), first, found)])
+
+
+def _pair(xy_px: Floats) -> str:
+    return " · ".join(f"{1e3 * value:.2f}" for value in xy_px)

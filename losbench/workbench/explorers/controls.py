@@ -1,0 +1,180 @@
+"""What a reader can turn: sliders, choices and fields, each with its label, unit and way of reading its value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import ipywidgets as widgets
+
+from losbench.checks import integer, number
+
+__all__ = ["Choice", "Control", "Field", "LogSlider", "Slider", "numbers", "whole_number"]
+
+_WIDTHS = {"style": {"description_width": "11.5em"}, "layout": {"width": "27em"}}
+
+
+class Control(Protocol):
+    """One setting of an explorer."""
+
+    @property
+    def label(self) -> str:
+        """Its name on the screen."""
+
+    @property
+    def value(self) -> Any:
+        """Its default."""
+
+    def widget(self, value: Any) -> Any:
+        """Make the widget, set to ``value``."""
+
+    def read(self, value: Any) -> Any:
+        """Turn the widget's value into the setting, or raise ``ValueError``."""
+
+    def stated(self, value: Any) -> str:
+        """Say label and value, with the unit."""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number between ``low`` and ``high``; whole numbers if all of them are."""
+
+    label: str
+    value: float
+    low: float
+    high: float
+    step: float
+    unit: str = ""
+
+    def widget(self, value: float) -> Any:
+        """Make the slider."""
+        number(self.label, value, low=self.low, high=self.high)
+        whole = all(isinstance(n, int) for n in (self.low, self.high, self.step))
+        kind = widgets.IntSlider if whole else widgets.FloatSlider
+        form = {} if whole else {"readout_format": f".{_decimals(self.step)}f"}
+        return kind(
+            value=value, min=self.low, max=self.high, step=self.step, description=_named(self), **form, **_WIDTHS
+        )
+
+    def read(self, value: float) -> float:
+        """Return the number without the rounding errors of the slider's steps."""
+        return round(value, _decimals(self.step)) if isinstance(value, float) else value
+
+    def stated(self, value: float) -> str:
+        """Say label, number and unit."""
+        return f"{self.label} {value:g} {self.unit}".strip()
+
+
+@dataclass(frozen=True)
+class LogSlider:
+    """A positive number from ``low`` to ``high`` in equal ratios, ``per_decade`` of them in a factor of ten."""
+
+    label: str
+    value: float
+    low: float
+    high: float
+    per_decade: int = 20
+    unit: str = ""
+
+    def widget(self, value: float) -> Any:
+        """Make the slider."""
+        from math import log10
+
+        number(self.label, value, low=self.low, high=self.high)
+        return widgets.FloatLogSlider(
+            value=value,
+            min=log10(self.low),
+            max=log10(self.high),
+            step=1 / self.per_decade,
+            readout_format=".3g",
+            description=_named(self),
+            **_WIDTHS,
+        )
+
+    def read(self, value: float) -> float:
+        """Return the number to the three digits that the slider shows."""
+        return float(f"{value:.3g}")
+
+    def stated(self, value: float) -> str:
+        """Say label, number and unit."""
+        return f"{self.label} {value:g} {self.unit}".strip()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of several names, each with what it stands for."""
+
+    label: str
+    options: Mapping[str, Any]
+    value: Any
+
+    def widget(self, value: Any) -> Any:
+        """Make the drop-down list."""
+        return widgets.Dropdown(options=list(self.options.items()), value=value, description=self.label, **_WIDTHS)
+
+    def read(self, value: Any) -> Any:
+        """Return what the name stands for."""
+        return value
+
+    def stated(self, value: Any) -> str:
+        """Say label and name."""
+        return f"{self.label} {next(name for name, option in self.options.items() if option == value)}"
+
+
+@dataclass(frozen=True)
+class Field:
+    """A line of text, read when Enter is pressed or the field is left."""
+
+    label: str
+    value: Any
+    parse: Callable[[str, str], Any]
+    unit: str = ""
+
+    def widget(self, value: Any) -> Any:
+        """Make the field."""
+        return widgets.Text(value=_typed(value), continuous_update=False, description=_named(self), **_WIDTHS)
+
+    def read(self, value: str) -> Any:
+        """Parse the text; the message of a ``ValueError`` begins with the label."""
+        return self.parse(self.label, value)
+
+    def stated(self, value: Any) -> str:
+        """Say label, value and unit."""
+        return f"{self.label} {_typed(value)} {self.unit}".strip()
+
+
+def whole_number(label: str, text: str) -> int:
+    """Read a whole number of at least 0, as seeds are."""
+    return integer(label, _number(label, text), low=0, high=2**53)
+
+
+def numbers(count: int, *, low: float, high: float) -> Callable[[str, str], tuple[float, ...]]:
+    """Return a parser of ``count`` numbers between ``low`` and ``high``, separated by commas."""
+
+    def parse(label: str, text: str) -> tuple[float, ...]:
+        parts = [part for part in text.replace(";", ",").split(",") if part.strip()]
+        if len(parts) != count:
+            raise ValueError(f"{label} must be {count} numbers separated by commas, got {len(parts)}")
+        return tuple(number(label, _number(label, part), low=low, high=high) for part in parts)
+
+    return parse
+
+
+def _number(label: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{label} must be a number, got {text.strip()!r}") from None
+
+
+def _typed(value: Any) -> str:
+    return ", ".join(f"{n:g}" for n in value) if isinstance(value, tuple) else str(value)
+
+
+def _named(control: Slider | LogSlider | Field) -> str:
+    return f"{control.label} ({control.unit})" if control.unit else control.label
+
+
+def _decimals(step: float) -> int:
+    return max(0, len(f"{step:.10f}".rstrip("0").partition(".")[2]))

@@ -1,0 +1,85 @@
+"""A matplotlib figure that answers at once: what stands still is drawn once and kept, what moves is drawn over it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from losbench.figures import use_style
+
+__all__ = ["Picture", "round_up", "style"]
+
+
+@cache
+def style() -> Any:
+    """Return the settings of `losbench.figures.use_style`, without making them the user's."""
+    with mpl.rc_context():
+        use_style()
+        settings: dict[str, Any] = {key: value for key, value in mpl.rcParams.items() if not key.startswith("backend")}
+    # A title that need not look for room above the axis saves a fifth of a full drawing.
+    return settings | {"axes.titley": 1.0}
+
+
+class Picture:
+    """A figure drawn on Agg and coded as PNG.
+
+    Parameters
+    ----------
+    figure : Figure
+        Complete, with the limits of its axes set.
+    moving : iterable of artists
+        What changes from one picture to the next. Anything else is drawn anew only when limits change.
+    """
+
+    def __init__(self, figure: Figure, moving: Iterable[Artist]) -> None:
+        self._figure = figure
+        self._canvas: Any = FigureCanvasAgg(figure)
+        self._moving = sorted(moving, key=lambda artist: artist.get_zorder())
+        for artist in self._moving:
+            artist.set_animated(True)
+        with mpl.rc_context(style()):
+            figure.draw_without_rendering()
+        # Laid out once: axes that shift while a slider moves would hide what the slider does.
+        figure.set_layout_engine("none")
+        self._limits: list[Any] = []
+        self._still: Any = None
+
+    def png(self) -> bytes:
+        """Draw what moves, everything if limits have changed, and return the picture."""
+        import cv2
+
+        limits = [(axes.get_xlim(), axes.get_ylim()) for axes in self._figure.axes]
+        if limits != self._limits:
+            with mpl.rc_context(style()):
+                self._canvas.draw()
+            self._still = self._canvas.copy_from_bbox(self._figure.bbox)
+            self._limits = limits
+        self._canvas.restore_region(self._still)
+        for artist in self._moving:
+            self._figure.draw_artist(artist)
+        pixels = cv2.cvtColor(np.asarray(self._canvas.buffer_rgba()), cv2.COLOR_RGBA2BGR)
+        # Areas of one colour: unfiltered rows code six times faster than filtered ones, and smaller.
+        coding = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+        return bytes(cv2.imencode(".png", pixels, coding)[1])
+
+
+def round_up(values: ArrayLike, *, least: float = 0.0) -> float:
+    """Return the smallest of 1, 2, 3, 5, 10, 20 ... that no finite absolute value exceeds: limits that rarely change.
+
+    >>> round_up([0.3, -1.7]), round_up(51.0), round_up([], least=0.1)
+    (2.0, 100.0, 0.1)
+    """
+    finite = np.abs(np.asarray(values, dtype=np.float64))
+    largest = max(finite[np.isfinite(finite)].max(initial=0.0), least)
+    if largest == 0.0:
+        return 1.0
+    decade = 10.0 ** np.floor(np.log10(largest))
+    return float(next(step * decade for step in (1.0, 2.0, 3.0, 5.0, 10.0) if step * decade >= largest * (1.0 - 1e-12)))

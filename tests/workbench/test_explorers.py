@@ -1,0 +1,260 @@
+"""Explorers without a browser: every extreme, every message, and the same picture however one gets there."""
+
+import contextlib
+import gc
+import io
+import itertools
+import warnings
+import weakref
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+import pytest
+from ipywidgets.widgets.widget import _instances
+
+from losbench.workbench.explorers import CentroidExplorer, IRLSExplorer, MonteCarloExplorer, ThermalExplorer, base
+from losbench.workbench.explorers.controls import Choice, Field, LogSlider, Slider, numbers, whole_number
+
+EXPLORERS = [CentroidExplorer, IRLSExplorer, MonteCarloExplorer, ThermalExplorer]
+EXPECTED_NOTES = (
+    "with two spots per solve no outlier can be identified",
+    "attitudes did not converge; their last iterate is kept",
+)
+
+
+NONSENSE = ["", "abc", "1e", "-1", "0.5", "nan", "inf", "1, 2", "<b>7</b>"]
+
+
+@pytest.fixture(params=EXPLORERS, ids=lambda kind: kind.__name__, scope="module")
+def kind(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def made(kind):
+    with contextlib.closing(kind()) as explorer:
+        yield explorer
+
+
+@pytest.fixture
+def explorer(made):
+    made.reset()
+    return made
+
+
+def pixels(explorer):
+    return cv2.imdecode(np.frombuffer(explorer.image.value, np.uint8), cv2.IMREAD_COLOR)
+
+
+def assert_well(explorer):
+    """The picture has its size and something in it, and no note but those that belong to robust fits."""
+    notes = explorer.message.value.replace("</div>", "\n").splitlines()
+    assert all(any(expected in note for expected in EXPECTED_NOTES) for note in notes), notes
+    picture = pixels(explorer)
+    wide, high = explorer.size_in
+    assert picture.shape == (round(100 * high), round(100 * wide), 3)
+    assert picture.std() > 5
+    assert explorer.numbers.value
+
+
+def extremes(control):
+    if isinstance(control, Slider | LogSlider):
+        return [control.low, control.high]
+    return list(control.options.values()) if isinstance(control, Choice) else []
+
+
+def put(explorer, **settings):
+    explorer._preset(settings)
+
+
+def test_every_extreme_of_every_control_gives_a_picture(explorer):
+    for name, control in explorer.controls.items():
+        for value in extremes(control):
+            put(explorer, **{name: value})
+            assert explorer.settings[name] == value
+            assert control.stated(value) in explorer.image.tooltip
+            assert_well(explorer)
+        explorer.reset()
+
+
+def test_corners_of_all_controls_at_once_give_a_picture(explorer):
+    rng = np.random.default_rng(3)
+    ranges = {name: extremes(control) for name, control in explorer.controls.items() if extremes(control)}
+    for pick in ([0] * len(ranges), [-1] * len(ranges), *rng.integers(0, 2, (8, len(ranges))).tolist()):
+        put(explorer, **{name: values[k] for k, (name, values) in zip(pick, ranges.items(), strict=True)})
+        assert_well(explorer)
+
+
+def test_a_picture_that_was_moved_is_the_one_drawn_from_scratch(kind, explorer):
+    first = explorer.image.value
+    for preset in explorer.presets.values():
+        explorer.reset()
+        explorer._preset(preset)
+        with contextlib.closing(kind(**preset)) as fresh:
+            assert np.array_equal(pixels(fresh), pixels(explorer))
+            assert fresh.numbers.value == explorer.numbers.value
+    explorer.reset()
+    assert explorer.image.value == first
+
+
+def test_new_noise_is_another_picture_and_reset_the_first(explorer):
+    first = explorer.image.value
+    explorer.new_noise()
+    assert explorer.image.value != first
+    assert f"seed {explorer.settings['seed']}" in explorer.image.tooltip
+    explorer.reset()
+    assert explorer.image.value == first
+
+
+RESULT = {
+    CentroidExplorer: lambda n: (n["found"].xy[0, 0] - n["truth"], ".2f", "error of this frame"),
+    IRLSExplorer: lambda n: (np.sqrt(np.mean(n["fit"].angles_arcsec ** 2, axis=0)), ".3g", "IRLS: RMS error"),
+    MonteCarloExplorer: lambda n: (n["run"].sigma_arcsec[0], ".3g", "RMS"),
+    ThermalExplorer: lambda n: (n["fit"].k_arcsec_per_degC, ".3f", "sensitivity, IRLS"),
+}
+
+
+def test_the_code_runs_and_gives_the_numbers_shown(kind, explorer):
+    for preset in ({}, *explorer.presets.values()):
+        explorer.reset()
+        explorer._preset(preset)
+        names = {}
+        with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
+            warnings.filterwarnings("ignore", ".*two spots per solve|.*did not converge")
+            exec(compile(explorer.copy_as_code.value, "<copied>", "exec"), names)
+        assert printed.getvalue().strip()
+        values, form, label = RESULT[kind](names)
+        unit = 1e3 if kind is CentroidExplorer else 1.0
+        shown = " · ".join(f"{unit * value:{form}}" for value in values)
+        assert label in explorer.numbers.value
+        assert shown in explorer.numbers.value
+
+
+def test_two_spots_and_one_frame_say_why_nothing_changes():
+    with contextlib.closing(IRLSExplorer()) as explorer:
+        explorer._preset(explorer.presets["as in the paper"])
+        assert "no outlier can be identified" in explorer.message.value
+        assert float(explorer.numbers.value.split("largest difference")[1].split("<br>")[1].split(" ")[0]) < 1e-9
+        put(explorer, n_frames=10)
+        assert "no outlier can be identified" not in explorer.message.value
+
+
+def test_nonsense_in_a_field_is_a_message_and_changes_nothing_else(explorer):
+    def shown():
+        return explorer.image.value, explorer.image.tooltip, explorer.numbers.value, explorer.copy_as_code.value
+
+    before = shown()
+    fields = {name: control for name, control in explorer.controls.items() if isinstance(control, Field)}
+    for (name, control), nonsense in itertools.product(fields.items(), NONSENSE):
+        explorer.inputs[name].value = nonsense
+        assert f"{control.label} must be" in explorer.message.value
+        assert "<b>7" not in explorer.message.value
+        assert shown() == before
+        explorer.reset()
+        assert "must be" not in explorer.message.value
+
+
+def test_new_noise_finds_its_way_out_of_a_bad_seed(explorer):
+    explorer.inputs["seed"].value = "abc"
+    explorer.new_noise()
+    assert explorer.settings["seed"] == 0
+    assert_well(explorer)
+
+
+def test_a_value_error_of_the_library_is_a_message(explorer, monkeypatch):
+    def refuse(**settings):
+        raise ValueError("spots <must> differ")
+
+    before = explorer.image.value
+    monkeypatch.setattr(explorer, "update", refuse)
+    explorer.new_noise()
+    assert "spots &lt;must&gt; differ" in explorer.message.value
+    assert explorer.image.value == before
+
+
+def test_the_picture_goes_into_exported_pages(explorer):
+    import base64
+
+    bundle = explorer._repr_mimebundle_()
+    assert base64.b64decode(bundle["image/png"]) == explorer.image.value
+    assert "application/vnd.jupyter.widget-view+json" in bundle
+    assert bundle["text/plain"] == f"{type(explorer).__name__}()"
+
+
+def test_closing_leaves_nothing_behind(kind):
+    before = set(_instances)
+    explorer = kind()
+    slider = next(iter(explorer.inputs.values()))
+    picture, figure = weakref.ref(explorer._picture), weakref.ref(explorer._picture._figure)
+    shown = explorer.image.value
+    assert len(_instances) > len(before)
+    explorer.close()
+    slider.value = slider.max
+    assert explorer.image.value == shown
+    explorer.close()
+    assert set(_instances) == before
+    for _ in range(2):  # figures are freed after the callbacks that know them
+        gc.collect()
+    assert picture() is None
+    assert figure() is None
+    gone = weakref.ref(explorer)
+    del explorer, slider
+    gc.collect()
+    assert gone() is None
+
+
+def test_running_a_cell_again_closes_what_its_earlier_run_made(kind, monkeypatch):
+    before = set(_instances)
+    monkeypatch.setattr(base, "_shown", {})
+    monkeypatch.setattr(base, "_running_cell", lambda: ("cell", "first run"))
+    first, second = kind(), kind()
+    assert first.comm is not None
+    monkeypatch.setattr(base, "_running_cell", lambda: ("another cell", "another run"))
+    other = kind()
+    alone = len(_instances)
+    for run in range(3):
+        monkeypatch.setattr(base, "_running_cell", lambda run=run: ("cell", f"run {run}"))
+        third = kind()
+    assert first.comm is None
+    assert second.comm is None
+    assert len(_instances) < alone
+    other.close()
+    third.close()
+    assert set(_instances) == before
+
+
+def test_settings_to_begin_with(kind):
+    name, control = next((n, c) for n, c in kind.controls.items() if isinstance(c, Slider | LogSlider))
+    with contextlib.closing(kind(**{name: control.low})) as explorer:
+        first = explorer.image.value
+        explorer.new_noise()
+        explorer.reset()
+        assert explorer.settings[name] == control.low
+        assert explorer.image.value == first
+    with pytest.raises(ValueError, match=f"{kind.__name__} has no nonsense; it has {name}"):
+        kind(nonsense=1)
+    with pytest.raises(ValueError, match=f"{control.label} must be a finite number from"):
+        kind(**{name: control.high * 2 + 1})
+
+
+def test_the_users_own_figure_style_stays_as_it_was():
+    with mpl.rc_context({"lines.linewidth": 7.0, "axes.grid": False}):
+        with contextlib.closing(MonteCarloExplorer()) as explorer:
+            put(explorer, precision_px=1.0)
+            other = explorer.image.value
+        assert mpl.rcParams["lines.linewidth"] == 7.0
+        assert not mpl.rcParams["axes.grid"]
+    with contextlib.closing(MonteCarloExplorer(precision_px=1.0)) as explorer:
+        assert explorer.image.value == other
+
+
+def test_parsers_of_fields():
+    assert whole_number("seed", " 12 ") == 12
+    assert numbers(2, low=0, high=5)("links", "1; 2.5") == (1.0, 2.5)
+    with pytest.raises(ValueError, match="links must be 2 numbers separated by commas, got 3"):
+        numbers(2, low=0, high=5)("links", "1, 2, 3")
+    with pytest.raises(ValueError, match="links must be a finite number from 0 to 5, got 7"):
+        numbers(2, low=0, high=5)("links", "1, 7")
+    with pytest.raises(ValueError, match=r"seed must be a whole number, got 1\.5"):
+        whole_number("seed", "1.5")
