@@ -90,7 +90,7 @@ def table_2(run: Constant, setting: ConstantBench) -> pd.DataFrame:
                 {"method": method, "statistic": statistic, "angle": a, "twin": m, "sampling_error": e, "paper": p}
                 for a, m, e, p in zip(AXES, mean, error, printed[statistic], strict=True)
             ]
-    return pd.DataFrame(rows).set_index(["method", "statistic", "angle"])
+    return pd.DataFrame(rows).set_index(["method", "statistic", "angle"]).sort_index()
 
 
 def stacked_ratios(shifts_mm: Floats, setting: Bench, *, stack: int, scale: str = "std") -> Floats:
@@ -98,7 +98,14 @@ def stacked_ratios(shifts_mm: Floats, setting: Bench, *, stack: int, scale: str 
     ratios = {}
     for method in ("irls", "ls"):
         fit = solve_attitude(
-            setting.points_mm, shifts_mm, model="paper", method=method, scale=scale, stack=stack, group=None
+            setting.points_mm,
+            shifts_mm,
+            model="paper",
+            method=method,
+            scale=scale,
+            stack=stack,
+            group=None,
+            max_iter=1000,
         )
         ratios[method] = fit.angles.std(axis=0)
     return ratios["irls"] / ratios["ls"]

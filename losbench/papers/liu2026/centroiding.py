@@ -92,4 +92,4 @@ def table_1(run: Constant, setting: ConstantBench) -> pd.DataFrame:
                 {"centroid": method, "statistic": statistic, "series": s, "twin": m, "sampling_error": e, "paper": p}
                 for s, m, e, p in zip(SERIES, mean, error, printed, strict=True)
             ]
-    return pd.DataFrame(rows).set_index(["centroid", "statistic", "series"])
+    return pd.DataFrame(rows).set_index(["centroid", "statistic", "series"]).sort_index()
