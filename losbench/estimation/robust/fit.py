@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import choice, finite, integer, number
 from losbench.estimation.losses import Huber, Loss, psi_deriv
-from losbench.estimation.robust.iterate import Groups, Method, blocks, iterate
-from losbench.estimation.robust.problem import Problem, products, project, read_problem, spd_inverse
+from losbench.estimation.robust.iterate import Groups, Method, iterate
+from losbench.estimation.robust.problem import Problem, blocks, products, project, read_problem, spd_inverse, unused
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import Scale, ScaleRule
 
@@ -174,7 +174,9 @@ def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[F
     weights = method.loss.weights(u)
     with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
         if method.scale.known:
-            inverse = spd_inverse(project(products(problem.basis), weights) + problem.unused(), z.shape[1])
+            inverse = spd_inverse(
+                project(products(problem.basis), weights) + unused(problem.rank, z.shape[1]), z.shape[1]
+            )
             shape = problem.to_x @ inverse @ np.swapaxes(problem.to_x, 1, 2)
             cov = shape * ((scale * problem.x_unit) ** 2)[:, None, None]
         else:
@@ -188,8 +190,9 @@ def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[F
 def _kappa_size(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Floats:
     """Residual size whose square times (A'A)^-1 is the covariance: NaN where no row is redundant."""
     n = pulls.shape[1]
-    mean = slope.mean(axis=1)
-    kappa = 1.0 + rank * slope.var(axis=1) / max(n - 1, 1) / mean**2
+    mean = slope @ np.full(n, 1.0 / n)
+    variance = (np.vecdot(slope, slope) / n - mean**2) * n / max(n - 1, 1)
+    kappa = 1.0 + rank * variance / (n * mean**2)
     return np.where(rank < n, np.sqrt(np.vecdot(pulls, pulls) / (n - rank)) * kappa / mean, np.nan)
 
 

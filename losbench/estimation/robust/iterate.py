@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.estimation.losses import Loss
-from losbench.estimation.robust.problem import Problem, combine, products, project, spd_inverse
+from losbench.estimation.robust.problem import Problem, blocks, combine, products, project, spd_inverse, unused
 from losbench.estimation.robust.scales import ScaleRule
 
-__all__ = ["Groups", "Method", "blocks", "iterate"]
+__all__ = ["Groups", "Method", "iterate"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-_POOL_ELEMENTS = 2**15  # residuals worked on at once: few enough to stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -61,30 +58,34 @@ class Method:
         return size / scale[:, None]
 
 
-def blocks(count: int, n: int) -> Iterator[slice]:
-    """Parts of ``count`` systems of ``n`` rows that stay in the processor's cache."""
-    size = max(16, _POOL_ELEMENTS // n)
-    return (slice(first, first + size) for first in range(0, count, size))
-
-
 def iterate(problem: Problem, method: Method, start: Floats) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
     """Coordinates (B, p) where each system settled, its number of weighted solves, and whether it did settle."""
     count, p = start.shape
     z, n_iter, converged = start.copy(), np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-    size = next(blocks(*problem.y.shape)).stop
-    pool, queue = _load(problem, start, np.arange(min(size, count))), np.arange(size, count)
-    while len(pool.systems):
+    queue = _Queue(problem, start)
+    pool = queue.take(count)
+    while pool is not None and len(pool.systems):
         step, scale = _step(pool, method)
         pool.z -= step
         pool.age += 1
-        reach = np.maximum(_norm(pool.z), scale * np.sqrt(p))
-        settled = _norm(step) <= method.tol * reach
+        reach = np.maximum(np.vecdot(pool.z, pool.z), p * scale**2)
+        settled = np.vecdot(step, step) <= method.tol**2 * reach
         done = settled | (pool.age == method.max_iter)
-        if done.any():
-            out = pool.systems[done]
-            z[out], n_iter[out], converged[out] = pool.z[done], pool.age[done], settled[done]
-            pool, queue = _refill(pool, done, problem, start, queue)
+        places = np.flatnonzero(done)
+        if len(places):
+            out = pool.systems[places]
+            z[out], n_iter[out], converged[out] = pool.z[places], pool.age[places], settled[places]
+            pool = _refill(pool, places, queue)
     return z, n_iter, converged
+
+
+def _step(pool: _Pool, method: Method) -> tuple[Floats, Floats]:
+    """One weighted solve: what to subtract from the coordinates (b, p), and the scale (b,) it used."""
+    residuals = combine(pool.z, pool.basis) - pool.y
+    scale = np.maximum(method.scale(residuals, pool.systems), pool.floor)
+    weights = method.loss.weights(method.scaled(residuals, scale))
+    inverse = spd_inverse(project(pool.products, weights) + pool.unused, pool.z.shape[1])
+    return np.matvec(inverse, project(pool.basis, weights * residuals)), scale
 
 
 @dataclass
@@ -100,40 +101,52 @@ class _Pool:
     products: Floats  # (b or 1, p (p + 1) / 2, n)
     unused: Floats  # (b or 1, p (p + 1) / 2)
 
-
-def _load(problem: Problem, start: Floats, systems: Indices) -> _Pool:
-    some = problem.part(systems)
-    age = np.zeros(len(systems), dtype=np.int64)
-    return _Pool(systems, age, start[systems], some.y, some.floor, some.basis, products(some.basis), some.unused())
-
-
-def _refill(
-    pool: _Pool, done: NDArray[np.bool_], problem: Problem, start: Floats, queue: Indices
-) -> tuple[_Pool, Indices]:
-    """Put the next systems of the queue in the places of those done; once it is empty, close ranks."""
-    if not len(queue):
-        return _rows(pool, ~done), queue
-    places = np.flatnonzero(done)[: len(queue)]
-    fresh = _load(problem, start, queue[: len(places)])
-    for name, mine in vars(pool).items():
-        if len(mine) == len(done):
-            mine[places] = getattr(fresh, name)
-    done[places] = False
-    return (_rows(pool, ~done) if done.any() else pool), queue[len(places) :]
+    def rows(self, which: slice | NDArray[np.bool_]) -> _Pool:
+        """Some of the systems."""
+        count = len(self.systems)
+        return _Pool(*(mine[which] if len(mine) == count else mine for mine in vars(self).values()))
 
 
-def _rows(pool: _Pool, keep: NDArray[np.bool_]) -> _Pool:
-    return _Pool(*(mine[keep] if len(mine) == len(keep) else mine for mine in vars(pool).values()))
+class _Queue:
+    """Systems still to come, made ready a block at a time."""
+
+    def __init__(self, problem: Problem, start: Floats) -> None:
+        self._blocks = (_load(problem, start, part) for part in blocks(*problem.y.shape))
+        self._ready = next(self._blocks, None)
+
+    def take(self, count: int) -> _Pool | None:
+        """Up to ``count`` systems, fewer where a block ends, None where the queue does."""
+        if self._ready is None:
+            return None
+        taken, rest = self._ready.rows(slice(count)), len(self._ready.systems) - count
+        self._ready = self._ready.rows(slice(count, None)) if rest > 0 else next(self._blocks, None)
+        return taken
 
 
-def _step(pool: _Pool, method: Method) -> tuple[Floats, Floats]:
-    """One weighted solve: what to subtract from the coordinates (b, p), and the scale (b,) it used."""
-    residuals = combine(pool.z, pool.basis) - pool.y
-    scale = np.maximum(method.scale(residuals, pool.systems), pool.floor)
-    weights = method.loss.weights(method.scaled(residuals, scale))
-    inverse = spd_inverse(project(pool.products, weights) + pool.unused, pool.z.shape[1])
-    return np.matvec(inverse, project(pool.basis, weights * residuals)), scale
+def _load(problem: Problem, start: Floats, part: slice) -> _Pool:
+    some = problem.part(part)
+    return _Pool(
+        systems=np.arange(len(start))[part],
+        age=np.zeros(len(some.y), dtype=np.int64),
+        z=start[part].copy(),
+        y=some.y.copy(),
+        floor=some.floor.copy(),
+        basis=some.basis.copy(),
+        products=products(some.basis),
+        unused=unused(some.rank, start.shape[1]),
+    )
 
 
-def _norm(vectors: Floats) -> Floats:
-    return np.sqrt(np.vecdot(vectors, vectors))
+def _refill(pool: _Pool, places: Indices, queue: _Queue) -> _Pool:
+    """Put the next systems of the queue in these places; once it is empty, close ranks."""
+    count = len(pool.systems)
+    while len(places) and (fresh := queue.take(len(places))) is not None:
+        here, places = places[: len(fresh.systems)], places[len(fresh.systems) :]
+        for name, mine in vars(pool).items():
+            if len(mine) == count:
+                mine[here] = getattr(fresh, name)
+    if not len(places):
+        return pool
+    keep = np.ones(count, dtype=bool)
+    keep[places] = False
+    return pool.rows(keep)

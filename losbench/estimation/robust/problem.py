@@ -1,27 +1,31 @@
 """Batches of small linear systems, brought to a form in which every solve is safe.
 
-Columns and right-hand sides are scaled by powers of two (no rounding, no overflow), and the columns of A are replaced
-by an orthonormal basis Q of what they span: A = Q R. In that basis the matrix Q' W Q of a weighted solve is as well
-conditioned as the weights allow, whatever A was, and a step of Newton's kind needs no more than its p x p inverse.
+Columns and right-hand sides whose squares would leave the range of numbers are scaled by powers of two, and the columns
+of A are replaced by an orthonormal basis Q of what they span: A = Q R. In that basis the matrix Q' W Q of a weighted
+solve is as well conditioned as the weights allow, whatever A was, and a step needs no more than its p x p inverse.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import finite
 
-__all__ = ["Problem", "combine", "products", "project", "read_problem", "spd_inverse"]
+__all__ = ["Problem", "blocks", "combine", "products", "project", "read_problem", "spd_inverse", "unused"]
 
 Floats = NDArray[np.float64]
 
 _CLOSED_FORM_COLUMNS = 3
-_ROUNDING = 64 * np.finfo(float).eps  # residuals of a perfect fit stay below this part of the largest abs y
-_SHORT = 16
+_ROUNDING = 16 * np.finfo(float).eps  # residuals of a perfect fit stay below this part of the norm of y
+_TINY = float(np.finfo(float).tiny)
+_SAFE_NORMS = (1e-100, 1e100)
+_BLOCK_ELEMENTS = 2**15  # residuals worked on at once: few enough to stay in the processor's cache
 _NEARLY_PARALLEL = 1e-2  # sine of the angle to earlier columns below which Gram-Schmidt hands over to the SVD
 _NEARLY_SINGULAR = 1e-12  # determinant, relative to the trace to the power p, below which the closed form hands over
 
@@ -59,12 +63,7 @@ class Problem:
         """Covariance (B, p, p) in the user's units: (A'A)^-1 times the square of a scaled residual size (B,)."""
         return (self.to_x @ np.swapaxes(self.to_x, 1, 2)) * ((size * self.x_unit) ** 2)[:, None, None]
 
-    def unused(self) -> Floats:
-        """Ones on the diagonal of Q'WQ, packed, for directions beyond the rank, whose rows of Q are zero."""
-        first, second = np.triu_indices(self.basis.shape[1])
-        return ((first == second) & (first >= self.rank[:, None])).astype(np.float64)
-
-    def part(self, systems: slice | NDArray[np.intp]) -> Problem:
+    def part(self, systems: slice) -> Problem:
         """Some of the systems, as a flat batch."""
         own = systems if len(self.basis) > 1 else slice(None)
         y = self.y[systems]
@@ -96,8 +95,8 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
         raise ValueError(f"A and y must share their batch axes, got {matrix.shape} and {right.shape}") from None
     systems = (1,) if matrix.ndim == 2 else batch
     columns = np.swapaxes(np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p), 1, 2)
-    columns, column_unit, _ = _scaled(np.ascontiguousarray(columns))
-    right, y_unit, level = _scaled(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
+    columns, column_unit, _ = _in_range(np.ascontiguousarray(columns))
+    right, y_unit, size = _in_range(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
     basis, to_x, rank = _orthonormal(columns)
     middle = np.sqrt(column_unit.min(axis=1)) * np.sqrt(column_unit.max(axis=1))
     return Problem(
@@ -107,9 +106,15 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
         y=right,
         y_unit=y_unit,
         x_unit=y_unit / middle,
-        floor=np.maximum(_ROUNDING * level, np.finfo(float).tiny),
+        floor=np.maximum(_ROUNDING * size, _TINY),
         batch=batch,
     )
+
+
+def blocks(count: int, n: int) -> Iterator[slice]:
+    """Parts of ``count`` systems of ``n`` rows that stay in the processor's cache."""
+    size = max(16, _BLOCK_ELEMENTS // n)
+    return (slice(first, first + size) for first in range(0, count, size))
 
 
 def project(rows: Floats, vectors: Floats) -> Floats:
@@ -126,9 +131,16 @@ def products(basis: Floats) -> Floats:
     """Products of all pairs of basis rows, (B or 1, p (p + 1) / 2, n): their weighted sums are Q'WQ, packed."""
     count, p, n = basis.shape
     pairs = np.empty((count, p * (p + 1) // 2, n))
-    for k, (i, j) in enumerate(zip(*np.triu_indices(p), strict=True)):
+    for k, (i, j) in enumerate(combinations_with_replacement(range(p), 2)):
         np.multiply(basis[:, i], basis[:, j], out=pairs[:, k])
     return pairs
+
+
+def unused(rank: NDArray[np.int64], p: int) -> Floats:
+    """Ones on the diagonal of Q'WQ, packed, for directions beyond the rank, whose rows of Q are zero."""
+    packed = np.zeros((len(rank), p * (p + 1) // 2))
+    packed[:, np.diagonal(_places(p))] = np.arange(p) >= rank[:, None]
+    return packed
 
 
 def spd_inverse(packed: Floats, p: int) -> Floats:
@@ -171,26 +183,28 @@ def _adjugate(packed: Floats) -> tuple[Floats, Floats, Floats]:
     return adjugate, a * adjugate[0] + b * adjugate[1] + c * adjugate[2], a + d + f
 
 
-def _scaled(rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """Rows (..., n) in units of the power of two just above their largest element, that unit, and that element."""
-    size = np.abs(rows)
-    # numpy reduces long axes fast and short ones slowly.
-    largest = (
-        size.max(axis=-1) if rows.shape[-1] > _SHORT else np.ascontiguousarray(np.moveaxis(size, -1, 0)).max(axis=0)
-    )
-    unit = np.ldexp(1.0, np.clip(np.frexp(largest)[1], -1000, 1000))
-    return rows / unit[..., None], unit, largest / unit
+def _in_range(rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Rows (..., n) over a power of two that keeps their squares in range, that unit, and their norm in it."""
+    with np.errstate(over="ignore", under="ignore"):
+        norm = np.sqrt(np.vecdot(rows, rows))
+    if ((norm > _SAFE_NORMS[0]) & (norm < _SAFE_NORMS[1])).all():
+        return rows, np.ones(rows.shape[:-1]), norm
+    unit = np.ldexp(1.0, np.clip(np.frexp(np.abs(rows).max(axis=-1))[1], -1000, 1000))
+    rows = rows / unit[..., None]
+    return rows, unit, np.sqrt(np.vecdot(rows, rows))
 
 
 def _orthonormal(columns: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Basis, map to the unknowns and rank of columns (B, p, n)."""
-    count, p, _ = columns.shape
+    count, p, n = columns.shape
     if p > _CLOSED_FORM_COLUMNS:
         return _by_svd(columns)
-    basis, to_x, safe = _by_gram_schmidt(columns)
-    rank = np.full(count, p)
-    if not safe.all():
-        basis[~safe], to_x[~safe], rank[~safe] = _by_svd(columns[~safe])
+    basis, to_x, rank = np.empty_like(columns), np.empty((count, p, p)), np.full(count, p)
+    for part in blocks(count, n):
+        basis[part], to_x[part], safe = _by_gram_schmidt(columns[part])
+        if not safe.all():
+            wrong = part.start + np.flatnonzero(~safe)
+            basis[wrong], to_x[wrong], rank[wrong] = _by_svd(columns[wrong])
     return basis, to_x, rank
 
 

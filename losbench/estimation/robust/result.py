@@ -29,8 +29,8 @@ class RobustFit:
     weights : (..., n) array
         Weight of each row at ``x``, between 0 and 1; all 1 for least squares.
     scale : (...) array
-        Residual scale at ``x``. Never reported below the rounding error of ``y`` (64 eps max abs y), so that a perfect
-        fit has weights of 1. Least squares: sqrt(sum r^2 / dof), NaN where dof is 0.
+        Residual scale at ``x``. Never reported below the rounding error of ``y`` (16 eps times its norm), so that a
+        perfect fit keeps its weights. Least squares: sqrt(sum r^2 / dof), NaN where dof is 0.
     cov : (..., p, p) array
         Covariance of ``x``; see the function that made the fit for its formula. NaN where dof is 0 and the scale was
         not given.

@@ -31,7 +31,9 @@ def _rms(residuals: Floats) -> Floats:
 
 
 def _std(residuals: Floats) -> Floats:
-    return _rms(residuals - residuals.mean(axis=-1, keepdims=True))
+    size = residuals.shape[-1]
+    mean = residuals @ np.full(size, 1.0 / size)  # many times faster than .mean() along a short axis
+    return _rms(residuals - mean[..., None])
 
 
 def _std1(residuals: Floats) -> Floats:
