@@ -1,6 +1,6 @@
 """Centroids and finding beside a plain loop, peers and the physical limit, all in one run.
 
-Ratios of median times on the same spots and frames; ``--save`` writes them to benchmarks/baselines/centroid.csv. Peers
+Ratios of times on the same spots and frames; ``--save`` writes them to benchmarks/baselines/centroid.csv. Peers
 that are not installed (``pip install sep photutils``) are left out with a line. One thread: set OMP_NUM_THREADS=1.
 """
 
@@ -79,59 +79,65 @@ def two_spots(frames, seed=0, size=SIZE, sigma=SIGMA):
     return CAMERA.expose(lb.render_spots(xy, 5e4, sigma, (size, 2 * size)) + 100.0, rng), xy
 
 
-def seconds(call, repeat):
-    taken = []
-    for _ in range(repeat):
-        begin = time.perf_counter()
-        call()
-        taken.append(time.perf_counter() - begin)
-    return float(np.median(taken))
+def in_turns(calls, rounds):
+    """Seconds of each call, the best fifth of rounds in which all take turns: other load strikes all alike."""
+    taken = {name: [] for name in calls}
+    for turn in range(rounds):
+        for name, call in calls.items():
+            begin = time.perf_counter()
+            call(turn)
+            taken[name].append(time.perf_counter() - begin)
+    return {name: float(np.percentile(times, 20)) for name, times in taken.items()}
 
 
 def measure_rows():
     """Rows of centroiding: (what, ratio, target, detail)."""
     frames, xy = two_spots(FRAMES)
     start = np.rint(xy)
-    ours = lb.centroid(frames, start, window=WINDOW)
-    own = seconds(lambda: lb.centroid(frames, start, window=WINDOW), 7) / (2 * FRAMES)
-    few = 200
-    plain = seconds(
-        lambda: [naive_eiwa(f, p, WINDOW) for f, ps in zip(frames[:few], start, strict=False) for p in ps], 3
-    )
-    yield "eiwa: plain loop / batch", plain / (2 * few) / own, 6.0, f"batch {1e6 * own:.1f} us per spot"
+    few = 50
+    images = [np.ascontiguousarray(f, dtype=np.float32) for f in frames[:few]]
+    flat = [image - np.median(image) for image in images]
 
-    images = [np.ascontiguousarray(f.astype(np.float32)) for f in frames[:200]]
+    def plain(_):
+        return [naive_eiwa(image, p, WINDOW) for image, ps in zip(frames[:few], start, strict=False) for p in ps]
+
+    calls = {"batch": lambda _: lb.centroid(frames, start, window=WINDOW), "plain": plain}
+    peers = {"plain": ("plain loop", 6.0)}
     if importlib.util.find_spec("sep"):
         import sep
 
-        levels = [np.median(image) for image in images]
-        flat = [image - level for image, level in zip(images, levels, strict=True)]
-        for subpix, target in ((11, 10.0), (1, 2.5)):
-            run = lambda subpix=subpix: [  # noqa: E731
-                sep.winpos(image, p[:, 0], p[:, 1], np.full(2, SIGMA), subpix=subpix)
+        def winpos(subpix):
+            width = np.full(2, SIGMA)
+            return [
+                sep.winpos(image, p[:, 0], p[:, 1], width, subpix=subpix)[:2]
                 for image, p in zip(flat, start, strict=False)
             ]
-            error = np.array([[r[0], r[1]] for r in run()]).transpose(0, 2, 1) - xy[:200]
-            detail = f"rms {1e3 * error.std():.1f} mpx, eiwa {1e3 * (ours.xy - xy).std():.1f}"
-            yield f"eiwa: sep.winpos(subpix={subpix}) / batch", seconds(run, 3) / 400 / own, target, detail
+
+        calls |= {"sep": lambda _: winpos(11), "sep1": lambda _: winpos(1)}
+        peers |= {"sep": ("sep.winpos", 10.0), "sep1": ("sep.winpos(subpix=1)", 2.5)}
     else:
         print("sep is not installed: its rows are left out")
     if importlib.util.find_spec("photutils"):
         from photutils.centroids import centroid_com, centroid_sources
 
-        def run_com():
-            for image, p in zip(images[:50], start, strict=False):
-                centroid_sources(
-                    image - np.median(image), p[:, 0], p[:, 1], box_size=WINDOW, centroid_func=centroid_com
-                )
+        def com(_):
+            for image, p in zip(flat, start, strict=False):
+                centroid_sources(image, p[:, 0], p[:, 1], box_size=WINDOW, centroid_func=centroid_com)
 
-        yield "eiwa: photutils centroid_sources(com) / batch", seconds(run_com, 3) / 100 / own, 8.0, ""
+        calls["photutils"] = com
+        peers["photutils"] = ("photutils centroid_sources(com)", 8.0)
     else:
         print("photutils is not installed: its row is left out")
 
+    taken = in_turns(calls, 15)
+    own = taken.pop("batch") / (2 * FRAMES)
+    for name, (what, target) in peers.items():
+        other = taken[name] / (2 * few)
+        yield f"eiwa: {what} / batch", other / own, target, f"{1e6 * other:.1f} / {1e6 * own:.1f} us per spot"
+
 
 def find_rows():
-    """Rows of finding, each over a stack of frames that does not fit into a cache."""
+    """Rows of finding, over a stack of frames that does not fit into a cache."""
     light = lb.render_spots([[400.3, 500.2], [1500.0, 600.0]], [6e4, 5e4], 3.5, (1080, 1920)) + 60.0
     frame = CAMERA.expose(light, 1)
     stack = np.stack([frame] * 60)
@@ -141,12 +147,12 @@ def find_rows():
         _, mask = cv2.threshold(image, level, 255, cv2.THRESH_BINARY)
         return cv2.connectedComponentsWithStats(mask.astype(np.uint8))
 
-    # In turns and by the best fifth, so that what else the machine does strikes all alike and counts little.
-    taken = {name: [] for name in ("find", "components", "max")}
-    for _ in range(3):
-        for name, call in (("find", lb.find_spots), ("components", components), ("max", np.max)):
-            taken[name] += [seconds(lambda image=image, call=call: call(image), 1) for image in stack]
-    find, other, single = (float(np.percentile(taken[name], 20)) for name in ("find", "components", "max"))
+    def over_the_stack(call):
+        return lambda _: [call(image) for image in stack]
+
+    calls = {"find": lb.find_spots, "components": components, "max": np.max}
+    taken = in_turns({name: over_the_stack(call) for name, call in calls.items()}, 7)
+    find, other, single = (taken[name] / len(stack) for name in ("find", "components", "max"))
     yield "find: threshold + connected components / find_spots", other / find, 8.0, f"find {1e3 * find:.2f} ms"
     yield "find: find_spots / np.max (passes)", find / single, -3.5, f"one pass {1e3 * single:.2f} ms"
 

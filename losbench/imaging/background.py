@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 __all__ = ["RING", "RingPlane", "fit_ring", "gate_hot_pixels"]
 
@@ -41,11 +41,11 @@ class RingPlane:
     level_variance: Floats
     slope_variance: Floats
 
-    def over(self, reach: int) -> Floats:
+    def over(self, reach: int, dtype: DTypeLike = np.float64) -> Pixels:
         """Plane over the middle ``2 * reach + 1`` pixels, as (M, rows, columns)."""
         offset = np.arange(-reach, reach + 1)
-        across = self.slope[:, :1] * offset
-        down = self.level[:, None] + self.slope[:, 1:] * offset
+        across = (self.slope[:, :1] * offset).astype(dtype)
+        down = (self.level[:, None] + self.slope[:, 1:] * offset).astype(dtype)
         return down[:, :, None] + across[:, None, :]
 
 
@@ -72,40 +72,22 @@ def fit_ring(stamps: Pixels, side: int) -> RingPlane:
     row, column = np.nonzero((distance > side // 2) & (distance <= side // 2 + RING))
     values = stamps.reshape(len(stamps), -1).take(row * len(offset) + column, axis=1)
     reach = float(offset[-1])
-    basis = np.stack([np.ones(len(row)), offset[column] / reach, offset[row] / reach], axis=-1).astype(stamps.dtype)
-
-    _, x, y = basis.T
-    products = np.stack([basis[:, 0], x, y, x * x, x * y, y * y], axis=-1)
+    basis = np.stack([np.ones(len(row)), offset[column] / reach, offset[row] / reach], axis=-1).astype(values.dtype)
 
     middle, scatter = _median_and_scatter(values[:, ::4])
     values -= middle[:, None]
-    present = None
-    if np.isnan(values).any():
-        present = np.isfinite(values)
+    present = np.isfinite(values)
+    if not present.all():
         values[~present] = 0.0
-    residual = values
-    for _ in range(2):
-        keep = np.abs(residual) <= _CLIP * scatter[:, None]
-        if present is not None:
-            keep &= present
-        kept = keep.astype(values.dtype)
-        sums = (kept @ products).astype(np.float64)
-        inverse = _inverse_normal(sums)
-        kept *= values
-        moments = (kept @ basis).astype(np.float64)
-        plane = np.einsum("mij,mj->mi", inverse, moments)
-        residual = values - (plane @ basis.T.astype(np.float64)).astype(values.dtype)
-        squares = np.einsum("mr,mr->m", kept, values) - np.einsum("mi,mi->m", plane, moments)
-        scatter = np.sqrt(np.maximum(squares, 0.0) / np.maximum(sums[:, 0] - 3.0, 1.0) / _KEPT_VARIANCE).astype(
-            values.dtype
-        )
-    empty = sums[:, 0] == 0
+    fit = _fit(values, present & (np.abs(values) <= _CLIP * scatter[:, None]), basis)
+    residual = values - fit.plane.astype(values.dtype) @ basis.T
+    fit = _fit(values, present & (np.abs(residual) <= _CLIP * fit.scatter.astype(values.dtype)[:, None]), basis)
     return RingPlane(
-        level=np.where(empty, np.nan, middle + plane[:, 0]),
-        slope=plane[:, 1:] / reach,
-        scatter=np.where(empty, np.nan, scatter.astype(np.float64)),
-        level_variance=inverse[:, 0, 0],
-        slope_variance=inverse[:, (1, 2), (1, 2)] / reach**2,
+        level=middle + fit.plane[:, 0],
+        slope=fit.plane[:, 1:] / reach,
+        scatter=fit.scatter,
+        level_variance=fit.inverse[:, 0, 0],
+        slope_variance=fit.inverse[:, (1, 2), (1, 2)] / reach**2,
     )
 
 
@@ -145,13 +127,39 @@ def _median_and_scatter(values: Pixels) -> tuple[Pixels, Pixels]:
         middle = np.nanmedian(values, axis=1)
         deviation = np.abs(values - middle[:, None])
         scatter = np.nanmedian(deviation, axis=1)
+        mean = np.nanmean(deviation, axis=1)
     else:
         half = values.shape[1] // 2
         middle = np.partition(values, half, axis=1)[:, half]
         deviation = np.abs(values - middle[:, None])
         scatter = np.partition(deviation, half, axis=1)[:, half]
+        mean = deviation.mean(axis=1)
     # In a quiet ring of whole numbers most pixels equal the median; the mean deviation still sees the others.
-    return middle, np.maximum(1.4826 * scatter, np.asarray(np.nanmean(deviation, axis=1)) / _CLIP)
+    return middle, np.maximum(1.4826 * scatter, mean / _CLIP)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Plane (M, 3), inverse normal matrix (M, 3, 3) and scatter about the plane (M,); NaN where nothing was kept."""
+
+    plane: Floats
+    inverse: Floats
+    scatter: Floats
+
+
+def _fit(values: Pixels, keep: NDArray[np.bool_], basis: Pixels) -> _Fit:
+    """Least-squares plane through the kept pixels of each spot."""
+    one, x, y = basis.T
+    kept = keep.astype(values.dtype)
+    sums = (kept @ np.stack([one, x, y, x * x, x * y, y * y], axis=-1)).astype(np.float64)
+    inverse = _inverse_normal(sums)
+    kept *= values
+    moments = (kept @ basis).astype(np.float64)
+    plane = np.einsum("mij,mj->mi", inverse, moments)
+    squares = np.einsum("mr,mr->m", kept, values) - np.einsum("mi,mi->m", plane, moments)
+    scatter = np.sqrt(np.maximum(squares, 0.0) / np.maximum(sums[:, 0] - 3.0, 1.0) / _KEPT_VARIANCE)
+    empty = sums[:, 0] == 0
+    return _Fit(np.where(empty[:, None], np.nan, plane), inverse, np.where(empty, np.nan, scatter))
 
 
 def _inverse_normal(sums: Floats) -> Floats:

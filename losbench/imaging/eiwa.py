@@ -58,9 +58,10 @@ def look(pixels: Pixels, centre: Floats, window: int) -> Look:
     offset = np.arange(pixels.shape[2]) - pixels.shape[2] // 2
     weight = _overlap(offset, centre, window)
     sums = _column_and_row_sums(pixels, weight)
-    total = np.einsum("mk,mk->m", sums[:, 0], weight[:, 0])
+    weighted = sums * weight
+    total = weighted[:, 0].sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        centroid = np.einsum("mak,mak,k->ma", sums, weight, offset) / total[:, None]
+        centroid = weighted @ offset.astype(np.float64) / total[:, None]
         contraction = _edge_pull(sums, centre, centroid, window) / total[:, None]
     return Look(total, centroid, contraction)
 
@@ -177,7 +178,6 @@ def _edge_pull(sums: Floats, centre: Floats, centroid: Floats, window: int) -> F
     middle = sums.shape[2] // 2
     left = np.floor(np.nan_to_num(centre) - 0.5 * (window - 1)).clip(-middle, middle - window)
     right = left + window
-    place = left.astype(np.intp)[:, :, None] + middle
-    sum_left = np.take_along_axis(sums, place, axis=2)[:, :, 0]
-    sum_right = np.take_along_axis(sums, place + window, axis=2)[:, :, 0]
-    return (right - centroid) * sum_right + (centroid - left) * sum_left
+    place = left.astype(np.intp) + middle
+    spot, axis = np.arange(len(sums))[:, None], np.array([0, 1])
+    return (right - centroid) * sums[spot, axis, place + window] + (centroid - left) * sums[spot, axis, place]

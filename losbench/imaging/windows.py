@@ -7,7 +7,7 @@ from enum import IntFlag
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from losbench.imaging.background import RING, RingPlane, fit_ring, gate_hot_pixels
 from losbench.imaging.detector import Detector
@@ -137,7 +137,7 @@ def _cut(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> _Sta
     reach = how.window // 2 + (2 if how.gate else 1)
     margin = slice(how.ring // 2 + RING - reach, how.ring // 2 + RING + reach + 1)
     raw = np.ascontiguousarray(stamps[:, margin, margin])
-    signal = raw - np.asarray(_under(plane, how, reach), dtype=raw.dtype)
+    signal: Pixels = raw - _under(plane, how, reach, raw.dtype)
     absent = np.isnan(raw)
     missing = absent if absent.any() else None
     if missing is not None:
@@ -149,10 +149,10 @@ def _cut(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> _Sta
     return _Stamps(raw, signal, missing, plane)
 
 
-def _under(plane: RingPlane, how: Choices, reach: int) -> Floats | float:
+def _under(plane: RingPlane, how: Choices, reach: int, dtype: DTypeLike = np.float64) -> Pixels:
     if how.background == "ring":
-        return plane.over(reach)
-    return 0.0 if how.background == "none" else float(how.background)
+        return plane.over(reach, dtype)
+    return np.full((1, 1, 1), 0.0 if how.background == "none" else how.background, dtype=dtype)
 
 
 def _judge(shape: tuple[int, ...], middle: Whole, stamps: _Stamps, fit: WindowFit, how: Choices) -> Measured:
