@@ -200,19 +200,20 @@ def centroid(
 
 
 def default_window(frames: ArrayLike, start: ArrayLike) -> int:
-    """First odd window of at least six sigma, no larger than the frame, for spots of the width that the data show.
+    """First odd window of at least six sigma of the spots that the data show, or the largest that fits around a start.
 
     >>> from losbench import render_spots
     >>> default_window(render_spots([[30.2, 25.4]], 1e4, 2.0, (60, 70)), [[30, 25]])
     13
     """
     stack = as_stack(frames)
-    sigma = spot_sigma(stack, as_starts("start", start, len(stack)))
-    side = min(stack.shape[1:])
-    largest = side - 1 + side % 2
+    places = as_starts("start", start, len(stack))
+    sigma = spot_sigma(stack, places)
     # A width measured to a few percent must not flip the window at a whole number of pixels.
-    wanted = np.ceil(6.0 * sigma - 0.3) if np.isfinite(sigma) else 3
-    return int(min(max(wanted + 1 - wanted % 2, 3), largest))
+    wanted = np.ceil(6.0 * sigma - 0.3) if np.isfinite(sigma) else 3.0
+    room = np.minimum(places + 0.5, np.array(stack.shape[:0:-1]) - 0.5 - places).min(axis=-1)
+    fits = max(2.0 * np.nan_to_num(room, nan=0.0).max(), 3.0)
+    return min(int(wanted) | 1, (int(fits) - 1) | 1)
 
 
 def window_path(
@@ -275,9 +276,7 @@ def window_path(
 
 
 def _window(stack: NDArray[Any], places: Floats, window: int | None) -> int:
-    if window is None:
-        return default_window(stack, places)
-    side = _odd("window", window, 3)
+    side = default_window(stack, places) if window is None else _odd("window", window, 3)
     rows, columns = stack.shape[1:]
     if side > min(rows, columns):
         raise ValueError(f"window of {side} x {side} pixels does not fit into frames of {rows} x {columns} pixels")

@@ -110,6 +110,8 @@ def test_small_stamps_are_measured_with_a_small_window():
     assert np.isfinite(found.xy).all()
     assert default_window(stamp, [[3, 2]]) == 3
     assert lb.centroid(stamp, [[3, 2]], background="none").window == 3
+    off_centre = lb.render_spots([[3.3, 2.2]], 1e4, 0.8, (6, 6))
+    assert np.isfinite(lb.centroid(off_centre, [[3.3, 2.2]], background="none").xy).all()
 
 
 @pytest.mark.parametrize("sigma", [0.7, 1.5, 2.0, 3.5, 5.0])
@@ -164,6 +166,7 @@ GOOD = np.zeros((2, 30, 40), dtype=np.uint16)
         (GOOD, [[9, 9]], {"window": 12}, "window must be odd, got 12"),
         (GOOD, [[9, 9]], {"window": 1}, "window must be a whole number of at least 3, got 1"),
         (GOOD, [[9, 9]], {"window": 31}, "window of 31 x 31 pixels does not fit into frames of 30 x 40 pixels"),
+        (GOOD[:, :2], [[9, 1]], {}, "window of 3 x 3 pixels does not fit into frames of 2 x 40 pixels"),
         (GOOD, [[9, 9]], {"window": 13, "ring": 11}, "ring must be a whole number of at least 13, got 11"),
         (GOOD, [[9, 9]], {"method": "moments"}, "method must be one of 'eiwa', 'grey', got 'moments'"),
         (GOOD, [[9, 9]], {"stop": "never"}, "stop must be one of 'error', 'step', got 'never'"),
