@@ -1,0 +1,43 @@
+"""What aided centroiding found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["AidedCentroids"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AidedCentroids:
+    """Positions of n stars in any batch of images.
+
+    Parameters
+    ----------
+    xy : (..., n, 2) array, pixels
+        Position (x, y) at the epoch; NaN where there is none.
+    sigma_xy : (..., n, 2) array, pixels
+        Predicted one-sigma error; 0 where no noise is known.
+    flux : (..., n) array, unit of the frames
+        Light of the whole star.
+    n_iter : (..., n) array of int
+    converged : (..., n) array of bool
+    flags : (..., n) array of int
+        Bits of `losbench.imaging.centroid.SpotFlag`; 0 is a star without reproach.
+    turn_rad, rate_rad_s : (..., 3) arrays
+        Method "joint" only, else None: the rotation that carries the predicted rays at the epoch into the observed
+        ones, and the constant rate that the rays have on top of the gyro's path.
+    """
+
+    xy: Floats
+    sigma_xy: Floats
+    flux: Floats
+    n_iter: NDArray[np.int64]
+    converged: NDArray[np.bool_]
+    flags: NDArray[np.int64]
+    turn_rad: Floats | None = None
+    rate_rad_s: Floats | None = None
