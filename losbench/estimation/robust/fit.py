@@ -116,7 +116,7 @@ def irls(
     -------
     RobustFit
         ``cov`` is, with an estimated scale, s^2 kappa^2 / m^2 * sum psi^2 / (n - p) * (A'A)^-1, where m is the mean of
-        psi' and kappa = 1 + p var(psi') / (n m^2) with ddof 1 (Huber 1981, eq. 7.6.11, and R's ``summary.rlm``); with
+        psi' and kappa = 1 + p var(psi') / (n m^2) with ddof 1 (Huber 1981, chapter 7, and R's ``summary.rlm``); with
         a known scale, scale^2 (A'WA)^-1, in which a doubted row counts by its weight.
 
     Raises
