@@ -259,7 +259,8 @@ def _solve(
 
 def _celsius(recording: Recording, log: TemperatureLog | None) -> tuple[dict[str, Floats], list[str]]:
     if recording.times is None:
-        return {}, ["No frame times were given: rows are numbered" + ", temperatures not matched." * (log is not None)]
+        unmatched = "" if log is None else ", temperatures are not matched"
+        return {}, [f"No frame times were given: rows are numbered{unmatched}."]
     if log is None:
         return {}, []
     celsius = log.at(recording.times)

@@ -75,7 +75,7 @@ class Stamp:
 
 @dataclass(frozen=True)
 class Recording:
-    """Frames that wait on disk, with their times.
+    """Frames that wait on disk, with their times; made by `read_recording`.
 
     Attributes
     ----------
@@ -91,6 +91,14 @@ class Recording:
         Gain and read noise where the files tell, as the errors in target pixel files do.
     skip_unreadable : bool
         Whether an unreadable frame becomes a gap in the series or an error.
+
+    Examples
+    --------
+    >>> frames = np.zeros((3, 20, 30), np.uint16)
+    >>> recording = Recording(Path("memory"), 3, (Stamp("frame", (20, 30), (0.0, 0.0), lambda k: frames[k]),))
+    >>> stack, readable = recording.stamps[0].read(0, 2, skip=False)
+    >>> stack.shape, readable.tolist()
+    ((2, 20, 30), [True, True])
     """
 
     source: Path
