@@ -94,9 +94,9 @@ def read_times(
         if period_s is None:
             return None
         return FrameTimes(
-            np.arange(n_frames, dtype=np.float64) * period_s, None if start is None else _utc("start", [start])[0]
+            np.arange(n_frames, dtype=np.float64) * period_s, None if start is None else utc_times("start", [start])[0]
         )
-    table = _csv(path)
+    table = read_table(path)
     times = _time_columns(table, Path(path).name, {})
     if len(times.seconds) != n_frames:
         raise ValueError(f"{Path(path).name} must have one row for each of {n_frames} frames, got {len(times.seconds)}")
@@ -124,7 +124,7 @@ def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None 
     ValueError
         If a column is missing or unreadable; the message lists the columns that there are.
     """
-    table, name, mapping = _csv(path), Path(path).name, dict(columns or {})
+    table, name, mapping = read_table(path), Path(path).name, dict(columns or {})
     for standard, own in mapping.items():
         if own not in table.columns:
             raise ValueError(f"{name} has no column {own!r} for {standard}; it has {_listed(table)}")
@@ -135,7 +135,7 @@ def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None 
             f"{name} must have a column such as temperature_degC; it has {_listed(table)} (map other names)"
         )
     times = _time_columns(table, name, mapping)
-    celsius = np.stack([_numbers(table, c, name) for c in names], axis=-1)
+    celsius = np.stack([numbers(table, c, name) for c in names], axis=-1)
     keep = np.isfinite(times.seconds) & np.isfinite(celsius).all(axis=-1)
     order = np.unique(times.seconds[keep], return_index=True)[1]
     if len(order) < 2:
@@ -146,9 +146,9 @@ def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None 
 
 def _time_columns(table: pd.DataFrame, name: str, mapping: Mapping[str, str]) -> FrameTimes:
     if "time_s" in table.columns:
-        return FrameTimes(_numbers(table, "time_s", name))
+        return FrameTimes(numbers(table, "time_s", name))
     if "time" in table.columns:
-        utc = _utc(f"column {mapping.get('time', 'time')!r} of {name}", table["time"].tolist())
+        utc = utc_times(f"column {mapping.get('time', 'time')!r} of {name}", table["time"].tolist())
         known = utc[~np.isnat(utc)]
         if not known.size:
             raise ValueError(f"column 'time' of {name} must hold at least one time")
@@ -156,7 +156,7 @@ def _time_columns(table: pd.DataFrame, name: str, mapping: Mapping[str, str]) ->
     raise ValueError(f"{name} must have a column time_s (seconds) or time ({_UTC_HINT}); it has {_listed(table)}")
 
 
-def _utc(name: str, texts: list[str]) -> NDArray[np.datetime64]:
+def utc_times(name: str, texts: list[str]) -> NDArray[np.datetime64]:
     import pandas as pd
 
     try:
@@ -166,14 +166,14 @@ def _utc(name: str, texts: list[str]) -> NDArray[np.datetime64]:
     return stamps.dt.tz_localize(None).to_numpy().astype("datetime64[ns]")
 
 
-def _numbers(table: pd.DataFrame, column: str, name: str) -> NDArray[np.float64]:
+def numbers(table: pd.DataFrame, column: str, name: str) -> NDArray[np.float64]:
     try:
         return table[column].to_numpy(dtype=np.float64)
     except (ValueError, TypeError):
         raise ValueError(f"column {column!r} of {name} must hold numbers, got {table[column].iloc[0]!r} ...") from None
 
 
-def _csv(path: str | Path) -> pd.DataFrame:
+def read_table(path: str | Path) -> pd.DataFrame:
     import pandas as pd
 
     if not Path(path).is_file():
