@@ -148,8 +148,9 @@ def irls(
     )
     choice("on_fail", on_fail, ("warn", "raise", "ignore"))
     start = problem.least_squares() if x0 is None else _start(problem, x0)
-    z, n_iter, settled = iterate(problem, method, start)
-    parts = [_finish(problem.part(part), method, z[part], part) for part in blocks(*problem.y.shape)]
+    with np.errstate(over="ignore", under="ignore"):
+        z, n_iter, settled = iterate(problem, method, start)
+        parts = [_finish(problem.part(part), method, z[part], part) for part in blocks(*problem.y.shape)]
     residuals, weights, working, cov = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
     _report(converged, method.max_iter, on_fail)
@@ -172,7 +173,7 @@ def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[F
     scale = np.maximum(method.scale(residuals, systems), problem.floor)
     u = method.scaled(residuals, scale)
     weights = method.loss.weights(u)
-    with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         if method.scale.known:
             inverse = spd_inverse(
                 project(products(problem.basis), weights) + unused(problem.rank, z.shape[1]), z.shape[1]

@@ -99,13 +99,17 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
     right, y_unit, size = _in_range(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
     basis, to_x, rank = _orthonormal(columns)
     middle = np.sqrt(column_unit.min(axis=1)) * np.sqrt(column_unit.max(axis=1))
+    with np.errstate(over="ignore", under="ignore"):
+        x_unit = y_unit / middle
+    if not np.isfinite(x_unit).all():
+        raise ValueError("y must not exceed A by a factor of 1e308 or more: the unknowns would be infinite")
     return Problem(
         basis=basis,
         to_x=to_x * (middle[:, None] / column_unit)[..., None],
         rank=rank,
         y=right,
         y_unit=y_unit,
-        x_unit=y_unit / middle,
+        x_unit=x_unit,
         floor=np.maximum(_ROUNDING * size, _TINY),
         batch=batch,
     )
