@@ -24,7 +24,8 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
     """Sliders over a picture that follows them.
 
     An explorer names its ``controls``, builds its figure once, moves the artists of that figure, and says which call
-    of the library gives the same numbers. A ``ValueError`` or a warning on the way is a message in the widget.
+    of the library gives the same numbers. A ``ValueError`` or a warning on the way is a message in the widget. Every
+    picture carries in its PNG description which settings it shows, the text of ``stated``.
 
     Parameters
     ----------
@@ -39,10 +40,11 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
 
     controls: ClassVar[Mapping[str, Control]]
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
-    size_in: ClassVar[tuple[float, float]] = (8.6, 3.8)
+    size_in: ClassVar[tuple[float, float]] = (8.4, 3.6)
     _picture: Picture | None = None
     _built: frozenset[str] = frozenset()
     _paused = False
+    stated = ""
 
     def __init__(self, **start: Any) -> None:
         unknown = sorted(set(start) - set(self.controls))
@@ -55,7 +57,9 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
             format="png", layout={"width": f"{100 * self.size_in[0]:.0f}px", "max_width": "100%"}
         )
         self.message, self.numbers = widgets.HTML(), widgets.HTML()
-        self.copy_as_code = widgets.Textarea(description="copy as code", rows=1, layout={"width": "98%"})
+        self.copy_as_code = widgets.Textarea(
+            description="copy as code", rows=1, style={"description_width": "7em"}, layout={"width": "98%"}
+        )
         super().__init__([self._panel(), self.message, self.image, self.numbers, self.copy_as_code])
         self._draw_once()
         for each in self.inputs.values():
@@ -164,9 +168,8 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
             self.message.value = _notes([str(problem)])
             return
         self.message.value = _notes([str(warning.message) for warning in caught])
-        with self.image.hold_sync():
-            self.image.value = self._picture.png()
-            self.image.tooltip = "; ".join(self.controls[name].stated(value) for name, value in settings.items())
+        self.stated = "; ".join(self.controls[name].stated(value) for name, value in settings.items())
+        self.image.value = self._picture.png(self.stated)
         self.numbers.value = _readout(numbers)
         self.copy_as_code.value = code = self.code(**settings)
         self.copy_as_code.rows = code.count("\n") + 1

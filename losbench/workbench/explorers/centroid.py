@@ -63,7 +63,7 @@ class CentroidExplorer(Explorer):
             "background": "none",
         },
     }
-    size_in = (8.8, 3.7)
+    size_in = (8.4, 3.5)
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw the spot, the trace over evaluations, the S-curve and the errors of many frames."""
@@ -119,8 +119,7 @@ class CentroidExplorer(Explorer):
         path = _path(frames[0], start, found.xy[0, 0], method, window_px, background)
         places = _TRUTH.round() + np.stack([_PHASES, 0.0 * _PHASES], axis=-1)
         quiet = light(places) / _GAIN_E + _OFFSET_DN
-        exact: dict[str, Any] = {"tolerance": 1e-6} if _METHODS[method] == {"method": "eiwa"} else {}
-        s_curve = centroid(quiet, (places + start - _TRUTH)[:, None], **how, **exact).xy[:, 0, 0] - places[:, 0]
+        s_curve = centroid(quiet, (places + start - _TRUTH)[:, None], **how).xy[:, 0, 0] - places[:, 0]
         self._show_spot(frames[0], path, window_px)
         self._show_numbers(path, errors, sigma, s_curve)
         with np.errstate(invalid="ignore"):

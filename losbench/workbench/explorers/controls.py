@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import ceil, floor, log10
 from typing import Any, Protocol
 
 import ipywidgets as widgets
@@ -12,7 +13,8 @@ from losbench.checks import integer, number
 
 __all__ = ["Choice", "Control", "Field", "LogSlider", "Slider", "numbers", "whole_number"]
 
-_WIDTHS = {"style": {"description_width": "11.5em"}, "layout": {"width": "27em"}}
+_ROUND = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+_WIDTHS = {"style": {"description_width": "195px"}, "layout": {"width": "412px"}}
 
 
 class Control(Protocol):
@@ -68,33 +70,27 @@ class Slider:
 
 @dataclass(frozen=True)
 class LogSlider:
-    """A positive number from ``low`` to ``high`` in equal ratios, ``per_decade`` of them in a factor of ten."""
+    """A positive number from ``low`` to ``high`` in about equal ratios, ten round numbers in a factor of ten."""
 
     label: str
     value: float
     low: float
     high: float
-    per_decade: int = 20
     unit: str = ""
 
     def widget(self, value: float) -> Any:
-        """Make the slider."""
-        from math import log10
-
+        """Make the slider; ``value`` need not be one of the round numbers."""
         number(self.label, value, low=self.low, high=self.high)
-        return widgets.FloatLogSlider(
-            value=value,
-            min=log10(self.low),
-            max=log10(self.high),
-            step=1 / self.per_decade,
-            readout_format=".3g",
-            description=_named(self),
-            **_WIDTHS,
+        decades = range(floor(log10(self.low)), ceil(log10(self.high)) + 1)
+        round_numbers = {float(f"{digits}e{decade}") for decade in decades for digits in _ROUND}
+        steps = sorted({n for n in round_numbers if self.low <= n <= self.high} | {float(value)})
+        return widgets.SelectionSlider(
+            options=[(f"{n:g}", n) for n in steps], value=float(value), description=_named(self), **_WIDTHS
         )
 
     def read(self, value: float) -> float:
-        """Return the number to the three digits that the slider shows."""
-        return float(f"{value:.3g}")
+        """Return the number."""
+        return value
 
     def stated(self, value: float) -> str:
         """Say label, number and unit."""

@@ -51,7 +51,7 @@ class IRLSExplorer(Explorer):
         "ten frames of two spots": {"n_spots": 2, "n_frames": 10},
         "no bad spots": {"bad_percent": 0},
     }
-    size_in = (8.8, 3.6)
+    size_in = (8.4, 3.6)
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw the residuals of one solve, the weight function with its weights, and the angles of all draws."""

@@ -42,7 +42,7 @@ class MonteCarloExplorer(Explorer):
         "0.01 px": {**_PAPER, "precision_px": 0.01},
         "spots on the axis": {**_PAPER, "offset_mm": 0.0},
     }
-    size_in = (8.6, 4.0)
+    size_in = (8.4, 4.0)
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw three panels, one for each axis, sharing the trials."""

@@ -49,7 +49,7 @@ class ThermalExplorer(Explorer):
         "five bad frames in a hundred": {"bad_percent": 5, "bad_arcsec": 20.0},
         "lag of 40 min": {"lag_min": 40.0},
     }
-    size_in = (8.8, 3.7)
+    size_in = (8.4, 3.7)
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw temperatures and drift over time, and drift over temperature."""

@@ -1,0 +1,161 @@
+"""JupyterLab in a headless Chromium: a server with settings of its own, notebooks that run, sliders that move.
+
+Used by the browser tests, by the latency benchmark and by the soak test.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import nbformat
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+WHY_NOT = "chromium is missing: apt-get install chromium (environment.md, browser tests)"
+
+_FLAGS = (
+    "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run "
+    "--disable-background-networking --disable-component-update --disable-sync"
+).split()
+_NO_NEWS = {"fetchNews": "false", "checkForUpdates": False}
+
+_READY = """async () => {
+    const app = window.jupyterapp;
+    await app.started;
+    await app.restored;
+    const panel = app.shell.currentWidget;
+    await panel.context.ready;
+    await panel.revealed;
+    await panel.sessionContext.ready;
+    await panel.sessionContext.session.kernel.info;
+}"""
+# The promise of a run is not returned: it would wait for widgets that are still being drawn.
+_RUN_ALL = "() => { window.jupyterapp.commands.execute('notebook:run-all-cells'); }"
+_STATE = """() => {
+    const cells = window.jupyterapp.shell.currentWidget.content.model.sharedModel.cells;
+    const code = cells.filter(cell => cell.cell_type === 'code' && cell.source.trim());
+    const errors = code.flatMap(cell => cell.outputs.filter(output => output.output_type === 'error'));
+    const prompts = [...document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) .jp-CodeCell .jp-InputPrompt')];
+    return {
+        pending: code.filter(cell => cell.execution_count === null).length
+            + prompts.filter(prompt => prompt.textContent.includes('*')).length,
+        errors: errors.map(error => `${error.ename}: ${error.evalue}`),
+    };
+}"""
+
+
+def notebook(*sources: str) -> nbformat.NotebookNode:
+    """Make a notebook of code cells."""
+    cells = [nbformat.v4.new_code_cell(source, id=f"cell-{k}") for k, source in enumerate(sources)]
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    return nbformat.v4.new_notebook(cells=cells, metadata=kernel)
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """Give a browser with a fresh profile."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, headless=True, args=_FLAGS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
+def jupyterlab(root: Path) -> Iterator[Lab]:
+    """Serve a folder of notebooks, with none of the user's settings."""
+    with tempfile.TemporaryDirectory(prefix="losbench-lab-", ignore_cleanup_errors=True) as folder:
+        home = Path(folder)
+        settings = home / "settings/@jupyterlab/apputils-extension"
+        settings.mkdir(parents=True)
+        (settings / "notification.jupyterlab-settings").write_text(json.dumps(_NO_NEWS), encoding="utf-8")
+        own = {"HOME": "home", "JUPYTER_CONFIG_DIR": "config", "JUPYTER_DATA_DIR": "data", "IPYTHONDIR": "ipython"}
+        own |= {"JUPYTERLAB_SETTINGS_DIR": "settings", "JUPYTERLAB_WORKSPACES_DIR": "workspaces"}
+        environment = {**os.environ, **{name: str(home / part) for name, part in own.items()}}
+        environment |= {"JUPYTER_RUNTIME_DIR": str(home / "run"), "OMP_NUM_THREADS": "1"}
+        lab = Lab(root, port=_free_port(), token=secrets.token_hex(16))
+        with (home / "log").open("w", encoding="utf-8") as log:
+            server = subprocess.Popen(lab.command, env=environment, stdout=log, stderr=subprocess.STDOUT)
+        try:
+            lab.wait(server, home / "log")
+            yield lab
+        finally:
+            with suppress(OSError):
+                lab.delete_sessions()
+            server.terminate()
+            server.wait(timeout=20)
+
+
+class Lab:
+    """A running server; `open` gives a notebook in a page."""
+
+    def __init__(self, root: Path, *, port: int, token: str) -> None:
+        self.url = f"http://127.0.0.1:{port}"
+        self._token = token
+        self.command = [
+            *(sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", "--expose-app-in-browser"),
+            *("--ip=127.0.0.1", f"--port={port}", "--ServerApp.port_retries=0"),
+            *(f"--IdentityProvider.token={token}", f"--ServerApp.root_dir={root}"),
+        ]
+
+    def wait(self, server: subprocess.Popen[bytes], log: Path) -> None:
+        """Return when the server answers."""
+        for _ in range(300):
+            if server.poll() is not None:
+                raise RuntimeError(f"jupyter lab ended:\n{log.read_text(encoding='utf-8')}")
+            with suppress(OSError):
+                self._ask("GET", "/api/status")
+                return
+            time.sleep(0.2)
+        raise TimeoutError("jupyter lab did not answer within a minute")
+
+    def delete_sessions(self) -> None:
+        """End all kernels."""
+        for session in json.loads(self._ask("GET", "/api/sessions")):
+            self._ask("DELETE", f"/api/sessions/{session['id']}")
+
+    def open(self, page: Any, name: str) -> None:
+        """Open a notebook and wait until its kernel is ready."""
+        page.goto(f"{self.url}/lab/tree/{name}?token={self._token}&reset")
+        page.wait_for_selector(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-CodeCell", timeout=60_000)
+        page.evaluate(_READY)
+
+    def run_all(self, page: Any, *, timeout_s: float = 180.0) -> None:
+        """Run every cell of the notebook in front; raise if one of them fails."""
+        page.evaluate(_RUN_ALL)
+        page.wait_for_timeout(300)
+        end = time.monotonic() + timeout_s
+        while (state := page.evaluate(_STATE))["pending"] and not state["errors"]:
+            if time.monotonic() > end:
+                raise TimeoutError(f"{state['pending']} cells still run after {timeout_s:g} s")
+            page.wait_for_timeout(200)
+        if state["errors"]:
+            raise AssertionError("; ".join(state["errors"]))
+
+    def _ask(self, method: str, path: str) -> str:
+        request = urllib.request.Request(
+            f"{self.url}{path}", method=method, headers={"Authorization": f"token {self._token}"}
+        )
+        with urllib.request.urlopen(request, timeout=5) as answer:
+            return answer.read().decode("utf-8")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
