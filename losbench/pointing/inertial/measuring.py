@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -66,7 +67,7 @@ class Scene:
     @cached_property
     def exposures(self) -> AttitudePath:
         """The path with one batch axis, that of all images; where one path serves all, a view of it for each."""
-        images = len(self.cut.pixels) // max(1, self.cut.stars)
+        images = math.prod(self.cut.batch)
         turns, epochs = (
             np.broadcast_to(part.reshape(-1, *part.shape[-3:]), (images, *part.shape[-3:]))
             for part in (self.path.turns, self.path.epochs)
@@ -76,8 +77,8 @@ class Scene:
     @cached_property
     def reach(self) -> Floats:
         """How far tracks go from their start, low and high corner, (images, 2, 2): that of a star on the axis."""
-        path, centre = self.exposures, np.array([self.camera.principal_px])
-        track = path.tracks(centre, self.camera)[:, 0] - centre
+        centre = np.asarray(self.camera.principal_px)
+        track = carried(self.camera, centre, self.exposures.turns) - centre
         return np.stack([track.min(axis=1), track.max(axis=1)], axis=1)
 
     def boxes(self, start: Floats, image: NDArray[np.intp]) -> Floats:
@@ -183,7 +184,7 @@ def _flags(
     inside = ((boxes[:, 0] >= -0.5) & (boxes[:, 1] <= (columns - 0.5, rows - 0.5))).all(axis=1)
     bright = flux > _FAINTEST * data.flux_error
     return (
-        SpotFlag.NOT_CONVERGED * (~converged & ~data.missing)
+        SpotFlag.NOT_CONVERGED * (~converged & np.isfinite(boxes[:, 0, 0]))
         | SpotFlag.EDGE * ((data.incomplete | ~inside) & ~data.missing)
         | SpotFlag.SATURATED * data.saturated
         | SpotFlag.TOO_FAINT * (~bright & ~data.missing)
@@ -196,7 +197,9 @@ def _crowded(boxes: Floats, scene: Scene) -> NDArray[np.bool_]:
     low, high = np.moveaxis(boxes.reshape(*scene.shape, 2, 2), -2, 0)
     gap = low[..., :, None, :] - high[..., None, :, :]
     apart = (gap > _CROWDED_SIGMAS * scene.sigma).any(axis=-1)
-    meets = ~(apart | np.swapaxes(apart, -1, -2)) & ~np.eye(scene.cut.stars, dtype=bool)
+    known = np.isfinite(low[..., 0])
+    both = known[..., :, None] & known[..., None, :] & ~np.eye(scene.cut.stars, dtype=bool)
+    meets = both & ~(apart | np.swapaxes(apart, -1, -2))
     return meets.any(axis=-1)
 
 

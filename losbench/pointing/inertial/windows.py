@@ -50,12 +50,12 @@ class Windows:
     @property
     def flux(self) -> Floats:
         """Light of each window, (M,)."""
-        return self.light.reshape(len(self.light), -1).sum(axis=1)
+        return self.light.sum(axis=2).sum(axis=1)
 
     @property
     def flux_error(self) -> Floats:
         """One sigma of the flux, (M,)."""
-        pixels = self.used.reshape(len(self.used), -1).sum(axis=1)
+        pixels = self.used.sum(axis=(1, 2))
         return np.sqrt(self.shot_variance * np.maximum(self.flux, 0.0) + self.dark_variance * pixels)
 
     def weight(self, light: Floats) -> Floats:
@@ -92,7 +92,7 @@ def prepare(
         level, scatter = _border(pixels)
         under = level if under is None else under
     light = pixels - under[:, None, None]
-    top = light.reshape(count, -1).max(axis=1, initial=-np.inf) + under
+    top = light.max(axis=2).max(axis=1) + under
     used = np.ones(pixels.shape, dtype=bool)
     states = np.zeros((3, count), dtype=bool)
     if not (top < full_scale).all():  # so it is too where a NaN is the maximum
@@ -132,7 +132,7 @@ def _moments(values: Floats | Bools, count: int) -> Floats:
     height, width = values.shape[1:]
     y, x = (part.ravel() for part in np.indices((height, width)) - np.array([height - 1, width - 1])[:, None, None] / 2)
     basis = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y][:count], axis=1)
-    return values.reshape(len(values), -1) @ basis
+    return values.reshape(len(values), height * width) @ basis
 
 
 def _centre(moments: Floats, origin: Floats, shape: tuple[int, ...]) -> Floats:
