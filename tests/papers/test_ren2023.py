@@ -8,7 +8,7 @@ import pytest
 import losbench as lb
 from losbench.estimation.stability import split_error
 from losbench.papers.ren2023.analysis import budget, closure, split_table
-from losbench.papers.ren2023.results import campaign, evaluate, table_1
+from losbench.papers.ren2023.results import campaign, evaluate, first_order, table_1
 from losbench.papers.ren2023.scenario import CONVENTION, Pair
 from losbench.papers.ren2023.simulation import simulate
 from losbench.papers.scenario import assumptions
@@ -71,6 +71,13 @@ def test_wrong_corrections_change_the_angle_as_predicted():
     assert change(-one, -two) == pytest.approx(2.2, abs=1e-4)
     assert change(two, one) == pytest.approx(2.2, abs=1e-4)
     assert change(one, 0 * two) == pytest.approx(0.65, abs=0.06)  # the base's common drift, 0.05, shows in one alone
+
+
+@pytest.mark.parametrize("smooth_s", [None, 10.0])
+def test_the_first_order_of_the_angle_is_the_angle(smooth_s):
+    whole, short = (run(PAIR, 11, smooth_s=smooth_s) for run in (evaluate, first_order))
+    np.testing.assert_allclose(short.before, whole.before, atol=1e-4)
+    np.testing.assert_allclose(short.after, whole.after, atol=1e-4)
 
 
 def test_smoothing_the_drift_takes_away_the_noise_that_the_correction_adds():
