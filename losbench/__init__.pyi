@@ -41,8 +41,8 @@ from .pointing.starcamera import drift_from_spots as drift_from_spots
 from .pointing.thermal import ThermalNetwork as ThermalNetwork
 from .pointing.thermal import fit_sensitivity as fit_sensitivity
 from .recording.measure import Measurement as Measurement
-from .recording.readers import Recording as Recording
 from .recording.measure import measure as measure
+from .recording.readers import Recording as Recording
 from .recording.readers import read_recording as read_recording
 from .workbench.ledger import Ledger as Ledger
 
