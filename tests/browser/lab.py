@@ -25,10 +25,10 @@ import nbformat
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 WHY_NOT = "chromium is missing: apt-get install chromium (environment.md, browser tests)"
 
-_FLAGS = (
-    "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run "
-    "--disable-background-networking --disable-component-update --disable-sync"
-).split()
+_FLAGS = [
+    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+]
 _NO_NEWS = {"fetchNews": "false", "checkForUpdates": False}
 
 _READY = """async () => {
@@ -47,7 +47,8 @@ _STATE = """() => {
     const cells = window.jupyterapp.shell.currentWidget.content.model.sharedModel.cells;
     const code = cells.filter(cell => cell.cell_type === 'code' && cell.source.trim());
     const errors = code.flatMap(cell => cell.outputs.filter(output => output.output_type === 'error'));
-    const prompts = [...document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) .jp-CodeCell .jp-InputPrompt')];
+    const panel = document.querySelector('.jp-NotebookPanel:not(.lm-mod-hidden)');
+    const prompts = [...panel.querySelectorAll('.jp-CodeCell .jp-InputPrompt')];
     return {
         pending: code.filter(cell => cell.execution_count === null).length
             + prompts.filter(prompt => prompt.textContent.includes('*')).length,
@@ -87,7 +88,7 @@ def jupyterlab(root: Path) -> Iterator[Lab]:
         own = {"HOME": "home", "JUPYTER_CONFIG_DIR": "config", "JUPYTER_DATA_DIR": "data", "IPYTHONDIR": "ipython"}
         own |= {"JUPYTERLAB_SETTINGS_DIR": "settings", "JUPYTERLAB_WORKSPACES_DIR": "workspaces"}
         environment = {**os.environ, **{name: str(home / part) for name, part in own.items()}}
-        environment |= {"JUPYTER_RUNTIME_DIR": str(home / "run"), "OMP_NUM_THREADS": "1"}
+        environment |= {"JUPYTER_RUNTIME_DIR": str(home / "run"), "LOSBENCH_BUILD": str(home / "build")}
         lab = Lab(root, port=_free_port(), token=secrets.token_hex(16))
         with (home / "log").open("w", encoding="utf-8") as log:
             server = subprocess.Popen(lab.command, env=environment, stdout=log, stderr=subprocess.STDOUT)

@@ -1,0 +1,75 @@
+"""An explorer as a page shows it: its sliders, its picture, and what the picture says of itself."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+# The picture's own description: the text chunk behind the header of its PNG. Read from what the page shows, decoded.
+_SHOWN = """async (index) => {
+    const image = document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) img.widget-image')[index];
+    await image.decode();
+    const bytes = await (await fetch(image.src)).arrayBuffer();
+    const length = new DataView(bytes).getUint32(33);
+    const chunk = new TextDecoder().decode(bytes.slice(41, 41 + length));
+    if (!chunk.startsWith('Description')) throw new Error('the picture says nothing of itself');
+    return chunk.split('\\0').at(-1);
+}"""
+
+
+class ExplorerPage:
+    """The explorer number ``index`` of the notebook in front."""
+
+    def __init__(self, page: Any, index: int = 0) -> None:
+        self.page, self._index = page, index
+        panel = page.locator(".jp-NotebookPanel:not(.lm-mod-hidden)")
+        self.picture = panel.locator("img.widget-image").nth(index)
+        self.picture.wait_for(timeout=60_000)
+        self.box = panel.locator(".widget-vbox:has(> img.widget-image)").nth(index)
+
+    def shown(self) -> str:
+        """Return the settings that the picture on the screen was drawn for."""
+        for _ in range(20):
+            try:
+                return str(self.page.evaluate(_SHOWN, self._index))
+            except Exception as problem:  # the picture was replaced between the two steps of reading it
+                last = problem
+                time.sleep(0.05)
+        raise last
+
+    def wait_until_shown(self, text: str, *, timeout_s: float = 10.0) -> None:
+        """Return when the picture says that it shows ``text``."""
+        end = time.monotonic() + timeout_s
+        while text not in (now := self.shown().split("; ")):
+            if time.monotonic() > end:
+                raise AssertionError(f"the picture should show {text!r}, but shows {now}")
+            self.page.wait_for_timeout(20)
+
+    def slider(self, number: int) -> tuple[Any, Any]:
+        """Return handle and readout of a slider."""
+        row = self.box.locator(".widget-slider, .widget-hslider").nth(number)
+        return row.locator(".noUi-handle"), row.locator(".widget-readout")
+
+    def button(self, name: str) -> Any:
+        """Return a button by the words on it."""
+        return self.box.get_by_role("button", name=name, exact=True)
+
+    def field(self, label: str) -> Any:
+        """Return a text field by the beginning of its label."""
+        return self.box.locator(".widget-text", has_text=label).locator("input")
+
+    def drag(self, number: int, *, across: float = 0.6, steps: int = 60, seconds: float = 1.5) -> None:
+        """Drag a slider by mouse over a part of its track, there and half the way back."""
+        handle, _ = self.slider(number)
+        handle.scroll_into_view_if_needed()
+        box = handle.bounding_box()
+        track = self.box.locator(".noUi-target").nth(number).bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        # Away from the nearer end, so that there is room.
+        direction = 1 if x < track["x"] + track["width"] / 2 else -1
+        self.page.mouse.move(x, y)
+        self.page.mouse.down()
+        for k in range(1, steps + 1):
+            self.page.mouse.move(x + direction * across * track["width"] * k / steps, y)
+            self.page.wait_for_timeout(1e3 * seconds / steps)
+        self.page.mouse.up()
