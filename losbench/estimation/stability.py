@@ -305,4 +305,5 @@ def _efficiency(scale: Scale) -> float:
 
 def _root_error(variance: Floats, error: Floats) -> Floats:
     """Error of 3 sqrt(variance); where the variance is lost in its own error, the root of that error."""
-    return 3.0 * np.where(variance > error, error / (2.0 * np.sqrt(np.maximum(variance, error))), np.sqrt(error))
+    known = variance > error
+    return 3.0 * np.where(known, error / (2.0 * np.sqrt(np.where(known, variance, 1.0))), np.sqrt(error))

@@ -74,6 +74,13 @@ def test_a_white_series_has_no_slow_part():
     assert split.lsfe < 3 * split.lsfe_sigma
 
 
+@pytest.mark.parametrize("scale", ["std", "mad"])
+def test_a_constant_series_has_no_error_and_no_uncertainty(scale):
+    split = split_error(np.full(100, 7.0), unbiased=True, scale=scale)
+    values = [split.total, split.lsfe, split.nea, split.total_sigma, split.lsfe_sigma, split.nea_sigma]
+    np.testing.assert_allclose(values, 0.0, atol=1e-12)
+
+
 def test_one_camera_of_two_is_smaller_by_root_two():
     one, both = split_error(WHITE[:100]).per_camera(), split_error(WHITE[:100])
     assert np.array([one.total, one.nea_sigma]) * np.sqrt(2) == pytest.approx(np.array([both.total, both.nea_sigma]))

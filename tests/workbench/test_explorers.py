@@ -14,10 +14,17 @@ import pytest
 from ipywidgets.widgets.widget import _instances
 from PIL import Image
 
-from losbench.workbench.explorers import CentroidExplorer, IRLSExplorer, MonteCarloExplorer, ThermalExplorer, base
+from losbench.workbench.explorers import (
+    CentroidExplorer,
+    IRLSExplorer,
+    MonteCarloExplorer,
+    StarCameraExplorer,
+    ThermalExplorer,
+    base,
+)
 from losbench.workbench.explorers.controls import Choice, Field, LogSlider, Slider, numbers, whole_number
 
-EXPLORERS = [CentroidExplorer, IRLSExplorer, MonteCarloExplorer, ThermalExplorer]
+EXPLORERS = [CentroidExplorer, IRLSExplorer, MonteCarloExplorer, StarCameraExplorer, ThermalExplorer]
 EXPECTED_NOTES = (
     "with two spots per solve no outlier can be identified",
     "attitudes did not converge; their last iterate is kept",
@@ -119,6 +126,7 @@ RESULT = {
     CentroidExplorer: lambda n: (n["found"].xy[0, 0] - n["truth"], ".2f", "error of this frame"),
     IRLSExplorer: lambda n: (np.sqrt(np.mean(n["fit"].angles_arcsec ** 2, axis=0)), ".3g", "IRLS: RMS error"),
     MonteCarloExplorer: lambda n: (n["run"].sigma_arcsec[0], ".3g", "RMS"),
+    StarCameraExplorer: lambda n: (n["shown"], ".3f", "LSFE · NEA unbiased, raw"),
     ThermalExplorer: lambda n: (n["fit"].k_arcsec_per_degC, ".3f", "sensitivity, IRLS"),
 }
 

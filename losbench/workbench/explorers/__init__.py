@@ -3,6 +3,7 @@
 from losbench.workbench.explorers.centroid import CentroidExplorer
 from losbench.workbench.explorers.irls import IRLSExplorer
 from losbench.workbench.explorers.montecarlo import MonteCarloExplorer
+from losbench.workbench.explorers.starcamera import StarCameraExplorer
 from losbench.workbench.explorers.thermal import ThermalExplorer
 
-__all__ = ["CentroidExplorer", "IRLSExplorer", "MonteCarloExplorer", "ThermalExplorer"]
+__all__ = ["CentroidExplorer", "IRLSExplorer", "MonteCarloExplorer", "StarCameraExplorer", "ThermalExplorer"]
