@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import boolean, choice, finite, finite_or_nan, integer, shaped
+from losbench.estimation.memory import variance_sampling
 
 __all__ = ["ErrorSplit", "lsfe", "mark_gaps", "nea", "sliding_mean", "split_error"]
 
@@ -24,7 +25,6 @@ Scale = Literal["std", "mad"]
 _MAD_TO_STD = 1.482602218505602
 _MAD_EFFICIENCY = 0.3675  # of the MAD as an estimate of a normal standard deviation
 _CLIP = 4.0  # robust scales: beyond them a sample says nothing about the memory of the series
-_MEAN_ROUNDS = 2  # the variance of the mean, put back, lengthens the memory, which changes the variance of the mean
 
 
 @dataclass(frozen=True)
@@ -168,10 +168,9 @@ def split_error(series: ArrayLike, *, window: int = 5, unbiased: bool = False, s
 
     Notes
     -----
-    A slow error of long memory has few independent values in a record, which biases and blurs its variance. With the
-    autocovariance C(k), summed up to where it first turns negative, the mean removed has the variance
-    v = (C(0) + 2 sum C(k)) / n and the variance itself the variance 2 (C(0)^2 + 2 sum C(k)^2) / n; ``unbiased`` adds v
-    back. Below some five memory lengths per record even that falls short.
+    A slow error of long memory has few independent values in a record, which biases and blurs its variance:
+    `losbench.estimation.memory.variance_sampling` says by how much, and ``unbiased`` puts back the bias. Below some
+    five memory lengths per record even that falls short.
 
     Examples
     --------
@@ -270,33 +269,12 @@ def _variance(x: Floats, scale: Scale) -> Floats:
 
 
 def _sampling(x: Floats, scale: Scale) -> tuple[Floats, Floats]:
-    """Variance that the record's own mean took away, and standard error of its variance."""
+    """Variance that the record's own mean took away, and standard error of its variance, for the scale that is used."""
     if scale == "mad":
         middle, spread = np.nanmedian(x, axis=0), np.sqrt(_variance(x, scale))
         x = np.clip(x, middle - _CLIP * spread, middle + _CLIP * spread)
-    covariance, count = _autocovariance(x)
-    lost = np.zeros_like(covariance[0])
-    for _ in range(_MEAN_ROUNDS):
-        kept = _until_negative(covariance + lost)
-        lost = np.minimum((2.0 * kept.sum(axis=0) - kept[0]) / count, covariance[0])
-    kept = _until_negative(covariance + lost)
-    return lost, np.sqrt(2.0 * (2.0 * (kept**2).sum(axis=0) - kept[0] ** 2) / count / _efficiency(scale))
-
-
-def _autocovariance(x: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Autocovariance at every lag with pairs in it, and the number of samples."""
-    present = ~np.isnan(x)
-    centred = np.where(present, x - np.nanmean(x, axis=0), 0.0)
-    size = 1 << (2 * len(x) - 1).bit_length()
-    products, pairs = (
-        np.fft.irfft(np.abs(np.fft.rfft(series, size, axis=0)) ** 2, size, axis=0)[: len(x)]
-        for series in (centred, present.astype(np.float64))
-    )
-    return np.where(pairs > 0.5, products / np.maximum(pairs, 1.0), 0.0), np.count_nonzero(present, axis=0)
-
-
-def _until_negative(covariance: Floats) -> Floats:
-    return np.where(np.logical_and.accumulate(covariance > 0, axis=0), covariance, 0.0)
+    lost, error = variance_sampling(x)
+    return lost, error / np.sqrt(_efficiency(scale))
 
 
 def _efficiency(scale: Scale) -> float:

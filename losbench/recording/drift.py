@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from losbench.estimation.stability import mark_gaps, split_error
 from losbench.pointing.starcamera import CorrectedPair, correct_pair, split_tracks, time_tag_offset
-from losbench.recording.telemetry import Telemetry, TelemetryFormat, read_telemetry
+from losbench.recording.columns import TelemetryFormat
+from losbench.recording.telemetry import Telemetry, read_telemetry
 from losbench.resources import free_folder, write_whole
 from losbench.units import rad_to_arcsec
 

@@ -8,8 +8,9 @@ import pytest
 
 from losbench.papers.ren2023.scenario import Pair
 from losbench.papers.ren2023.telemetry import write_telemetry
+from losbench.recording.columns import TelemetryFormat
 from losbench.recording.drift import correct_telemetry
-from losbench.recording.telemetry import TelemetryFormat, read_telemetry
+from losbench.recording.telemetry import read_telemetry
 
 SHORT = Pair(days=(0.0, 58.0), track_s=40.0)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from losbench.papers.ren2023.scenario import CONVENTION, Pair
 from losbench.papers.ren2023.simulation import FIRST_DAY, simulate
-from losbench.recording.telemetry import HeadColumns, TelemetryFormat
+from losbench.recording.columns import HeadColumns, TelemetryFormat
 from losbench.resources import free_folder, write_whole
 from losbench.units import rad_to_arcsec
 
