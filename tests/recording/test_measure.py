@@ -181,10 +181,8 @@ def test_the_report_is_written_whole_with_its_sensitivity(simulated, tmp_path):
     np.testing.assert_allclose(again["alpha_arcsec"], measured.table["alpha_arcsec"], rtol=1e-8)
 
 
-def test_kepler_pixel_files_give_the_mission_s_own_shifts():
-    folder = Path(__file__).resolve().parents[2].parent / "shared" / "real" / "kepler-q12"
-    if not folder.is_dir():
-        pytest.skip("the Kepler target pixel files are not beside the checkout; data/README.md says which to get")
+def test_kepler_pixel_files_give_the_mission_s_own_shifts(real_data):
+    folder = real_data("kepler-q12")
     fits = pytest.importorskip("astropy.io.fits")
     recording = lb.read_recording(folder)
     measured = lb.measure(recording, background="none")
