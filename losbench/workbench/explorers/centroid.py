@@ -93,6 +93,7 @@ class CentroidExplorer(Explorer):
         )
         for axes in (panels["s_curve"], panels["errors"]):
             axes.axhline(0.0, color=COLOURS["black"], lw=0.6)
+        panels["errors"].locator_params(axis="x", nbins=2)
         panels["errors"].axvline(0.0, color=COLOURS["black"], lw=0.6)
         overlay: list[Artist] = [self._start, self._final, self._path]
         return [
@@ -137,7 +138,7 @@ class CentroidExplorer(Explorer):
 
     def _show_spot(self, frame: Any, path: Floats, window_px: int) -> None:
         self._image.set_data(frame)
-        self._image.set_clim(frame.min(), frame.max())
+        self._image.set_clim(frame.min(), np.percentile(frame, 99.9))  # not the hot pixel
         half = window_px / 2
         corners = np.array([[-half, half, half, -half, -half], [-half, -half, half, half, -half]])
         for outline, centre in ((self._start, path[0]), (self._final, path[-1])):

@@ -26,7 +26,6 @@ Bools = NDArray[np.bool_]
 _LOSSES: dict[str, type[Huber] | type[Bisquare]] = {"Huber": Huber, "Bisquare": Bisquare}
 _ERROR_MM = 1e-4  # a hundredth of the paper's pixel of 10 um
 _RADIUS_MM, _FOCAL_MM = 4.6, 260.0
-_MAX_ITER = 30
 _ROWS = 24_000  # of all draws together: what is solved while a slider moves
 _TURN = np.linspace(0.0, 2.0 * np.pi, 73)
 _WITHIN_95 = 2.4477  # radius, in sigmas, of the ellipse that holds 95 % of a normal distribution
@@ -36,14 +35,14 @@ class IRLSExplorer(Explorer):
     """Spots on a circle, some of them bad: residuals and weights, and the angles found by LS and by IRLS."""
 
     controls: ClassVar[dict[str, Control]] = {
-        "n_spots": Slider("spots", 6, 2, 12, 1),
+        "n_spots": Slider("spots", 8, 2, 12, 1),
         "n_frames": Slider("frames stacked in a solve", 4, 1, 20, 1),
         "loss": Choice("loss", {name: name for name in _LOSSES}, "Huber"),
-        "c": Slider("its constant, Huber's c", 1.345, 0.2, 8.0, 0.005, "scales"),
+        "c": Slider("its constant c", 1.345, 0.2, 8.0, 0.005, "scales"),
         "scale": Choice("scale", {"known": _ERROR_MM, "mad": "mad", "std": "std", "std1": "std1", "rms": "rms"}, "mad"),
         "group": Choice("one weight for each", {"spot": "spot", "coordinate": None}, "spot"),
         "bad_percent": Slider("bad spots", 10, 0, 50, 1, "%"),
-        "bad_sigma": LogSlider("their extra error, along x", 20.0, 1.0, 1000.0, unit="sigma"),
+        "bad_sigma": LogSlider("their error along x", 20.0, 1.0, 1000.0, unit="sigma"),
         "seed": Field("seed", 0, whole_number),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {
@@ -73,9 +72,16 @@ class IRLSExplorer(Explorer):
             self._ellipses += self._angles.plot([], [], color=COLOURS[colour], ls=dashes, lw=1.8, label=name)
         self._angles.plot(0.0, 0.0, "+", ms=12, color=COLOURS["black"], label="truth")
         self._angles.set(title="all draws, 95 % ellipses", xlabel="X error (″)", ylabel="Y error (″)")
-        self._angles.locator_params(axis="x", nbins=4)
+        self._rows.locator_params(axis="x", nbins=3, integer=True)
+        self._angles.locator_params(axis="x", nbins=2)
         self._angles.legend(
-            fontsize=8, ncols=3, loc="upper left", borderaxespad=0.1, handlelength=1.2, columnspacing=0.8
+            fontsize=8,
+            ncols=3,
+            loc="upper left",
+            borderaxespad=0.1,
+            handlelength=1.1,
+            columnspacing=0.7,
+            handletextpad=0.3,
         )
         return [
             self._good,
@@ -105,7 +111,7 @@ class IRLSExplorer(Explorer):
         shifts, bad = _shifts(n_spots, n_frames, bad_percent / 100, bad_sigma, seed)
         least = solve_attitude(points, shifts, method="ls", stack=n_frames)
         rule = _LOSSES[loss](c)
-        robust = solve_attitude(points, shifts, loss=rule, scale=scale, group=group, stack=n_frames, max_iter=_MAX_ITER)
+        robust = solve_attitude(points, shifts, loss=rule, scale=scale, group=group, stack=n_frames)
         one = slice(n_frames)
         residuals, size = robust.residuals[one], np.abs(robust.residuals[one])
         if group == "spot":
@@ -161,7 +167,7 @@ shifts = rng.normal(0.0, {_ERROR_MM}, ({_draws(n_spots, n_frames) * n_frames}, {
 bad = rng.random(shifts.shape[:2]) < {bad["bad_percent"] / 100}
 shifts[..., 0] += {bad["bad_sigma"] * _ERROR_MM} * bad
 fit = lb.solve_attitude(
-    points, shifts, loss=lb.{loss}({c}), scale={scale!r}, group={group!r}, stack={n_frames}, max_iter={_MAX_ITER}
+    points, shifts, loss=lb.{loss}({c}), scale={scale!r}, group={group!r}, stack={n_frames}
 )
 print(lb.rms(fit.angles_arcsec))"""
 
