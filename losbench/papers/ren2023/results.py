@@ -73,7 +73,7 @@ def evaluate(setting: Pair, seed: int | None = None, *, smooth_s: float | None =
 
 
 def first_order(setting: Pair, seed: int | None = None, *, smooth_s: float | None = None) -> Tracks:
-    """Return what `evaluate` finds, to 1e-4 arcsec and twenty times sooner: drifts and errors without any attitude.
+    """Return what `evaluate` finds, to 1e-4 arcsec and several times sooner: drifts and errors without any attitude.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,28 +57,47 @@ def simulate(
     Simulation
     """
     rng = np.random.default_rng(setting.seed if seed is None else seed)
-    t, drift = setting.time_s, setting.drift_rad(setting.time_s)
-    body = body_attitude(setting, t)
+    truth = _truth(setting)
     error = attitude_error(setting, rng)
-    points = np.stack([setting.points_mm] * 2)
-    at_rest, reported, shifts = [], [], []
-    for k in range(2):
-        head = body * setting.axes[k]
-        at_rest.append(head.as_quat())
-        reported.append((head * Rotation.from_rotvec(drift[k]) * Rotation.from_rotvec(error[k])).as_quat())
-        true_mm = project(points[k], -drift[k])[..., :2] - points[k, :, :2]
-        shifts.append(_imaged(setting, true_mm, rng) if pixels else _blurred(setting, true_mm, rng))
+    see = _imaged if pixels else _blurred
+    reported = [(truth.turned[k] * Rotation.from_rotvec(error[k])).as_quat() for k in range(2)]
+    shifts = [see(setting, truth.shifts_mm[k], rng) for k in range(2)]
     telemetry = PairTelemetry(
-        time_s=t,
+        time_s=setting.time_s,
         quaternions=np.stack(reported),
-        points_mm=points,
+        points_mm=np.stack([setting.points_mm] * 2),
         shifts_mm=np.stack(shifts),
         convention=CONVENTION,
         installation=np.stack([np.eye(3)] * 2),
     )
     if aberration:
-        telemetry = replace(telemetry, quaternions=_aberrated(telemetry.quaternions, body, t))
-    return Simulation(telemetry, drift, np.stack(at_rest))
+        body = body_attitude(setting, setting.time_s)
+        telemetry = replace(telemetry, quaternions=_aberrated(telemetry.quaternions, body, setting.time_s))
+    return Simulation(telemetry, truth.drift_rad, truth.attitude)
+
+
+@dataclass(frozen=True)
+class _Truth:
+    """What no noise touches: attitudes without drift (2, n, 4) and with it, drift (2, n, 3), shifts (2, n, 2, 2)."""
+
+    attitude: Floats
+    turned: tuple[Rotation, Rotation]
+    drift_rad: Floats
+    shifts_mm: Floats
+
+
+@lru_cache(maxsize=2)
+def _truth(setting: Pair) -> _Truth:
+    """Compute once what every seed shares: compositions of rotations are most of the work."""
+    points, drift = setting.points_mm, setting.drift_rad(setting.time_s)
+    body = body_attitude(setting, setting.time_s)
+    first, second = (body * axes for axes in setting.axes)
+    turned = first * Rotation.from_rotvec(drift[0]), second * Rotation.from_rotvec(drift[1])
+    attitude = np.stack([first.as_quat(), second.as_quat()])
+    shifts = (project(points, -drift) - points)[..., :2]
+    for array in (attitude, drift, shifts):
+        array.setflags(write=False)
+    return _Truth(attitude, turned, drift, shifts)
 
 
 def body_attitude(setting: Pair, time_s: Floats) -> Rotation:
