@@ -104,7 +104,8 @@ def aided_centroid(
     ============== ==============================================================================================
     NOT_CONVERGED  ``max_iter`` was reached; the last position is kept
     EDGE           the track leaves the frame, or the window holds pixels that were not read; kept, without them
-    SATURATED      pixels at full scale were left out
+    SATURATED      pixels at full scale were left out; "iterative" then ends with least squares, as what is left may
+                   hardly follow the star
     NEIGHBOUR      the window of another star of the image reaches this star's track; kept, but not to be trusted
     TOO_FAINT      flux below five times its error; kept, or NaN where there is no light at all
     SLOW           sigma below 0.25 px, where the iteration hardly contracts: damped, and polished by least squares

@@ -152,11 +152,14 @@ def _refined(model: StreakModel, data: Windows, how: Recipe, first: Solution, re
     if how.method == "least_squares":
         return least_squares(model, data, how.stop, first)
     region = Region(read, how.threshold) if how.own_region and how.threshold is not None else Region(data.used)
-    if model.sigma.min() >= _NARROWEST:
-        return iterate(model, data, region, how.stop, first, damping=1.0)
-    found = iterate(model, data, region, how.stop, first, damping=_DAMPING)
+    narrow = model.sigma.min() < _NARROWEST
+    found = iterate(model, data, region, how.stop, first, damping=_DAMPING if narrow else 1.0)
+    # What follows the star poorly: a spot inside one pixel, a spot whose core is missing.
+    poor = (narrow & ~found.converged) | data.saturated
+    if not poor.any():
+        return found
     polished = least_squares(model, data, how.stop, found)
-    return found.where(found.converged | ~polished.converged, polished)
+    return found.where(~(poor & polished.converged), polished)
 
 
 def _finished(found: list[AidedCentroids], boxes: list[Floats], scene: Scene, how: Recipe) -> AidedCentroids:

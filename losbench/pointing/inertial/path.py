@@ -61,7 +61,7 @@ class AttitudePath:
         """Shape of the exposures; () for one."""
         return self.turns.shape[:-3]
 
-    def part(self, images: slice) -> AttitudePath:
+    def part(self, images: slice | NDArray[np.intp]) -> AttitudePath:
         """Return the path of some of the exposures, along the first batch axis."""
         return replace(self, turns=self.turns[images], epochs=self.epochs[images])
 

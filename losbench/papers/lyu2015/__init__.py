@@ -1,0 +1,5 @@
+"""lyu2015: star spot centroids under vibration, aided by a gyro.
+
+Lyu, Zhang, Wang, Wu, "Star spot centroiding method with inertial measurement information", Journal of NUDT 37(2), 2015,
+doi 10.11887/j.cn.201502029.
+"""
