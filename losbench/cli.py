@@ -1,4 +1,4 @@
-"""The command line: ``losbench reproduce | measure | simulate | ledger``.
+"""The command line: ``losbench reproduce | measure | simulate | drift | ledger``.
 
 Exit codes: 0 done; 1 a notebook failed, or a verdict is not the accepted one; 2 wrong arguments or unusable input,
 said in one line; 130 interrupted.
@@ -83,12 +83,34 @@ def _parser() -> argparse.ArgumentParser:
     )
     two.set_defaults(run=_measure)
 
-    three = commands.add_parser("simulate", parents=[quiet], help="write the digital twin's recording, with its truth")
+    three = commands.add_parser("simulate", parents=[quiet], help="write a digital twin's recording, with its truth")
     three.add_argument("--out", type=Path, required=True, help="folder to write to")
-    three.add_argument("--frames", type=int, default=200, help="number of frames (%(default)s)")
+    three.add_argument(
+        "--paper",
+        default="liu2026",
+        choices=["liu2026", "ren2023"],
+        help="frames of two spots, or telemetry of a star-camera pair (%(default)s)",
+    )
+    three.add_argument("--frames", type=int, default=200, help="number of frames, liu2026 (%(default)s)")
     three.add_argument("--seed", type=int, default=0, help="seed of the noise (%(default)s)")
     three.add_argument("--force", action="store_true", help="replace an earlier simulation in an existing folder")
     three.set_defaults(run=_simulate)
+
+    five = commands.add_parser(
+        "drift", parents=[quiet], help="take boresight drift out of a star-camera pair's quaternions"
+    )
+    five.add_argument("telemetry", type=Path, help="CSV: times, quaternions of two heads, spot positions")
+    five.add_argument("--out", type=Path, required=True, help="folder to write to")
+    five.add_argument("--force", action="store_true", help="write into an existing folder that is not empty")
+    five.add_argument(
+        "--columns", type=Path, metavar="TOML", help="names and conventions; default the CSV's name with .toml"
+    )
+    five.add_argument("--smooth-s", type=float, help="average the drift over so many seconds before it corrects")
+    five.add_argument(
+        "--window", type=int, default=5, help="samples of the mean that splits LSFE from NEA (%(default)s)"
+    )
+    five.add_argument("--track-gap-s", type=float, default=60.0, help="a longer gap begins a new track (%(default)s)")
+    five.set_defaults(run=_drift)
 
     four = commands.add_parser("ledger", parents=[quiet], help="show the claims and their verdicts")
     four.add_argument("--paper", help="one paper only, e.g. liu2026")
@@ -156,17 +178,42 @@ def _measure(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from losbench.papers.liu2026.recording import write_recording
+    if options.paper == "ren2023":
+        from losbench.papers.ren2023.telemetry import write_telemetry
 
-    folder = write_recording(
-        options.out, n_frames=options.frames, seed=options.seed, force=options.force, progress=not options.quiet
-    )
-    if not options.quiet:
-        print(f"{options.frames} frames of the liu2026 twin written to {folder}. To measure them:")
-        print(
+        folder = write_telemetry(options.out, seed=options.seed, force=options.force)
+        said = f"Telemetry of the ren2023 pair written to {folder}. To correct it:"
+        command = f"losbench drift {folder / 'telemetry.csv'} --out {folder / 'corrected'}"
+    else:
+        from losbench.papers.liu2026.recording import write_recording
+
+        folder = write_recording(
+            options.out, n_frames=options.frames, seed=options.seed, force=options.force, progress=not options.quiet
+        )
+        said = f"{options.frames} frames of the liu2026 twin written to {folder}. To measure them:"
+        command = (
             f"losbench measure {folder / 'frames'} --camera {folder / 'camera.toml'} --times {folder / 'times.csv'} "
             f"--temperature {folder / 'temperature.csv'} --out {folder / 'measured'}"
         )
+    if not options.quiet:
+        print(said, command, sep="\n")
+    return 0
+
+
+def _drift(options: argparse.Namespace) -> int:
+    from losbench.recording.drift import correct_telemetry
+
+    report = correct_telemetry(
+        options.telemetry,
+        options.out,
+        columns=options.columns,
+        smooth_s=options.smooth_s,
+        window=options.window,
+        track_gap_s=options.track_gap_s,
+        force=options.force,
+    )
+    if not options.quiet:
+        print(report.summary())
     return 0
 
 

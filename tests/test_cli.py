@@ -60,6 +60,17 @@ def test_a_forced_simulation_leaves_no_frame_of_an_earlier_one(tmp_path):
     assert lb.read_recording(tmp_path / "frames", times=tmp_path / "times.csv").n_frames == 2
 
 
+def test_a_pair_s_telemetry_is_simulated_and_corrected(tmp_path, capsys):
+    assert main(["simulate", "--paper", "ren2023", "--out", str(tmp_path / "pair"), "--quiet"]) == 0
+    telemetry = tmp_path / "pair" / "telemetry.csv"
+    assert main(["drift", str(telemetry), "--out", str(tmp_path / "out")]) == 0
+    assert "LSFE" in capsys.readouterr().out
+    assert main(["drift", str(telemetry), "--out", str(tmp_path / "out")]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert main(["drift", str(telemetry), "--columns", str(tmp_path / "no.toml"), "--out", str(tmp_path / "2")]) == 2
+    assert "no.toml" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [
