@@ -17,8 +17,8 @@ from losbench.imaging.finder import find_spots
 from losbench.pointing.attitude import AttitudeFit, solve_attitude
 from losbench.pointing.optics import Camera
 from losbench.recording.readers import Recording, Stamp
+from losbench.recording.table import measurement_table, temperatures
 from losbench.recording.times import TemperatureLog
-from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["Measurement", "measure"]
 
 Floats = NDArray[np.float64]
-_AXES = ("alpha", "beta", "gamma")
 
 
 @dataclass(frozen=True)
@@ -161,8 +160,8 @@ def measure(
     else:
         attitude, note = _solve(camera, reference_px, shifts, sigma_shifts, model, solver)
         notes.append(note)
-    celsius, said = _celsius(recording, temperature)
-    table = _table(recording, celsius, xy, sigma, flags, shifts, attitude)
+    celsius, said = temperatures(recording, temperature)
+    table = measurement_table(recording, celsius, xy, sigma, flags, shifts, attitude)
     return Measurement(xy, sigma, flags, shifts, sigma_shifts, reference_px, attitude, table, (*notes, *said))
 
 
@@ -257,18 +256,6 @@ def _solve(
     return fit, note + (" Two spots cannot tell which of them is bad." if len(reference_px) == 2 else "")
 
 
-def _celsius(recording: Recording, log: TemperatureLog | None) -> tuple[dict[str, Floats], list[str]]:
-    if recording.times is None:
-        unmatched = "" if log is None else ", temperatures are not matched"
-        return {}, [f"No frame times were given: rows are numbered{unmatched}."]
-    if log is None:
-        return {}, []
-    celsius = log.at(recording.times)
-    without = int(np.isnan(celsius[:, 0]).sum())
-    said = [f"{without} of {recording.n_frames} frames lie outside the temperature log or in a gap of it."]
-    return dict(zip(log.names, celsius.T, strict=True)), said if without else []
-
-
 def _notes_on_loss(xy: Floats, flags: NDArray[np.int64]) -> list[str]:
     notes = []
     for spot in range(xy.shape[1]):
@@ -280,43 +267,3 @@ def _notes_on_loss(xy: Floats, flags: NDArray[np.int64]) -> list[str]:
         if marked:
             notes.append(f"{marked} of {flags.size} centroids carry the flag {flag.name}.")
     return notes
-
-
-def _table(
-    recording: Recording,
-    celsius: dict[str, Floats],
-    xy: Floats,
-    sigma: Floats,
-    flags: NDArray[np.int64],
-    shifts: Floats,
-    attitude: AttitudeFit | None,
-) -> pd.DataFrame:
-    import pandas as pd
-
-    columns: dict[str, Any] = {"frame": np.arange(recording.n_frames)}
-    if recording.times is not None:
-        columns["time_s"] = recording.times.seconds
-        if recording.times.start is not None:
-            columns["time"] = [_iso(recording.times.start, s) for s in recording.times.seconds]
-    columns |= celsius
-    for n in range(xy.shape[1]):
-        for i, axis in enumerate("xy"):
-            columns[f"{axis}{n + 1}_px"] = xy[:, n, i]
-        for i, axis in enumerate("xy"):
-            columns[f"sigma_{axis}{n + 1}_px"] = sigma[:, n, i]
-        for i, axis in enumerate("xy"):
-            columns[f"d{axis}{n + 1}_px"] = shifts[:, n, i]
-        columns[f"flags{n + 1}"] = flags[:, n]
-    if attitude is not None:
-        spread = rad_to_arcsec(np.sqrt(np.diagonal(attitude.cov, axis1=-2, axis2=-1)))
-        for i, axis in enumerate(_AXES):
-            columns[f"{axis}_arcsec"] = rad_to_arcsec(attitude.angles[:, i])
-            columns[f"sigma_{axis}_arcsec"] = spread[:, i]
-        columns["p_value"] = attitude.p_value
-    return pd.DataFrame(columns)
-
-
-def _iso(start: np.datetime64, seconds: float) -> str:
-    if np.isnan(seconds):
-        return ""
-    return str((start + np.timedelta64(round(seconds * 1e3), "ms")).astype("datetime64[ms]")) + "Z"
