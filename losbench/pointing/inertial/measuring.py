@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 Method = Literal["iterative", "closed_form", "least_squares", "joint"]
 
 # Stars at a time: what a method makes of them fits the cache.
-_BLOCKS = {"closed_form": 2048, "iterative": 256, "least_squares": 128, "joint": 128}
+_BLOCKS = {"closed_form": 1024, "iterative": 256, "least_squares": 128, "joint": 128}
 _DAMPING = 0.5
 _NARROWEST = 0.25  # pixels; the iteration for a star at rest contracts above a sigma of 0.1995 only
 _FAINTEST = 5.0  # flux in units of its error
@@ -78,8 +78,8 @@ class Scene:
     def reach(self) -> Floats:
         """How far tracks go from their start, low and high corner, (images, 2, 2): that of a star on the axis."""
         centre = np.asarray(self.camera.principal_px)
-        track = carried(self.camera, centre, self.exposures.turns) - centre
-        return np.stack([track.min(axis=1), track.max(axis=1)], axis=1)
+        track = np.ascontiguousarray(np.moveaxis(carried(self.camera, centre, self.exposures.turns) - centre, 1, 2))
+        return np.stack([track.min(axis=2), track.max(axis=2)], axis=1)
 
     def boxes(self, start: Floats, image: NDArray[np.intp]) -> Floats:
         """Box around each star's track, (M, 2, 2): low and high corner."""
@@ -184,7 +184,8 @@ def _flags(
     camera: Camera, data: Windows, flux: Floats, converged: NDArray[np.bool_], boxes: Floats
 ) -> NDArray[np.int64]:
     rows, columns = camera.shape
-    inside = ((boxes[:, 0] >= -0.5) & (boxes[:, 1] <= (columns - 0.5, rows - 0.5))).all(axis=1)
+    (left, top), (right, bottom) = np.moveaxis(boxes, 0, -1)
+    inside = (left >= -0.5) & (top >= -0.5) & (right <= columns - 0.5) & (bottom <= rows - 0.5)
     bright = flux > _FAINTEST * data.flux_error
     return (
         SpotFlag.NOT_CONVERGED * (~converged & np.isfinite(boxes[:, 0, 0]))
@@ -197,13 +198,12 @@ def _flags(
 
 def _crowded(boxes: Floats, scene: Scene) -> NDArray[np.bool_]:
     """Stars whose track, six sigma around it, meets the track of another star of the image, (..., n)."""
-    low, high = np.moveaxis(boxes.reshape(*scene.shape, 2, 2), -2, 0)
-    gap = low[..., :, None, :] - high[..., None, :, :]
-    apart = (gap > _CROWDED_SIGMAS * scene.sigma).any(axis=-1)
-    known = np.isfinite(low[..., 0])
-    both = known[..., :, None] & known[..., None, :] & ~np.eye(scene.cut.stars, dtype=bool)
-    meets = both & ~(apart | np.swapaxes(apart, -1, -2))
-    return meets.any(axis=-1)
+    meets: NDArray[np.bool_] = ~np.eye(scene.cut.stars, dtype=bool)
+    for axis in (0, 1):
+        low, high = np.moveaxis(boxes.reshape(*scene.shape, 2, 2)[..., axis], -1, 0).copy()
+        near = low[..., :, None] - high[..., None, :] <= _CROWDED_SIGMAS * scene.sigma[axis]
+        meets = meets & near & np.swapaxes(near, -1, -2)  # not a number is near nothing
+    return np.asarray(meets.any(axis=-1))
 
 
 def _blocks(count: int, size: int) -> Iterator[slice]:

@@ -87,7 +87,7 @@ def iterate(
     goal, xy, n_iter = grey_centre(data.light, data.origin), first.xy.copy(), first.n_iter.copy()
     converged = np.zeros(len(xy), dtype=bool)
     left = np.flatnonzero(first.converged)
-    whole = region.whole and bool(data.used.all())
+    whole = region.whole and data.whole
     some, counted = model.keep(left), region.keep(left)
     for _ in range(stop.max_iter):
         if not left.size:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,15 +48,25 @@ class Windows:
     incomplete: Bools
     missing: Bools
 
+    @cached_property
+    def whole(self) -> bool:
+        """Whether every pixel of every window counts."""
+        return bool(self.used.all())
+
+    @cached_property
+    def moments(self) -> Floats:
+        """Sums of the light times 1, x, y, x^2, y^2, x y about each window's middle, (M, 6)."""
+        return _moments(self.light, 6)
+
     @property
     def flux(self) -> Floats:
         """Light of each window, (M,)."""
-        return self.light.sum(axis=2).sum(axis=1)
+        return self.moments[:, 0]
 
     @property
     def flux_error(self) -> Floats:
         """One sigma of the flux, (M,)."""
-        pixels = self.used.sum(axis=(1, 2))
+        pixels = _moments(self.used[:1] if self.whole else self.used, 1)[:, 0]
         return np.sqrt(self.shot_variance * np.maximum(self.flux, 0.0) + self.dark_variance * pixels)
 
     def weight(self, light: Floats) -> Floats:
@@ -92,7 +103,7 @@ def prepare(
         level, scatter = _border(pixels)
         under = level if under is None else under
     light = pixels - under[:, None, None]
-    top = light.max(axis=2).max(axis=1) + under
+    top = light.reshape(count, pixels.shape[1] * pixels.shape[2]).max(axis=1) + under
     used = np.ones(pixels.shape, dtype=bool)
     states = np.zeros((3, count), dtype=bool)
     if not (top < full_scale).all():  # so it is too where a NaN is the maximum
@@ -114,8 +125,8 @@ def grey_centre(light: Floats, origin: Floats) -> Floats:
 
 def centre_covariance(data: Windows) -> tuple[Floats, Floats]:
     """Grey-weighted centre (M, 2) of the light, and its covariance (M, 2, 2) from the noise of the pixels."""
-    light = _moments(data.light, 6)
-    area = _moments(data.used, 6) if not data.used.all() else _moments(data.used[:1], 6)
+    light = data.moments
+    area = _moments(data.used[:1] if data.whole else data.used, 6)
     variance = data.shot_variance * light + data.dark_variance[:, None] * area
     with np.errstate(invalid="ignore"):
         x, y = (light[:, 1:3] / np.where(light[:, 0] > 0, light[:, 0], np.nan)[:, None]).T
@@ -130,9 +141,13 @@ def centre_covariance(data: Windows) -> tuple[Floats, Floats]:
 def _moments(values: Floats | Bools, count: int) -> Floats:
     """Sums of values (M, h, w) times 1, x, y, x^2, y^2, x y about the window's middle: the first ``count`` of them."""
     height, width = values.shape[1:]
+    return values.reshape(len(values), height * width) @ _basis(height, width)[:, :count]
+
+
+@cache
+def _basis(height: int, width: int) -> Floats:
     y, x = (part.ravel() for part in np.indices((height, width)) - np.array([height - 1, width - 1])[:, None, None] / 2)
-    basis = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y][:count], axis=1)
-    return values.reshape(len(values), height * width) @ basis
+    return np.stack([np.ones_like(x), x, y, x * x, y * y, x * y], axis=1)
 
 
 def _centre(moments: Floats, origin: Floats, shape: tuple[int, ...]) -> Floats:
