@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from losbench.checks import number
 
-__all__ = ["Bisquare", "Huber", "Loss", "psi_deriv"]
+__all__ = ["Bisquare", "Cauchy", "Hampel", "Huber", "Loss", "Welsch", "psi_deriv"]
 
 Floats = NDArray[np.float64]
+
+_FAR = 26.0  # exp(-26^2) is the last power of its kind that a double holds to full precision
 
 
 class Loss(Protocol):
@@ -114,6 +116,154 @@ class Bisquare:
         return 1.0 - np.minimum(np.abs(u) / self.c, 1.0) ** 2
 
 
+@dataclass(frozen=True)
+class Cauchy:
+    """Cauchy's loss: no row is ever rejected, but the farther the less its pull; redescending without an end.
+
+    Parameters
+    ----------
+    c : float
+        Where the pull is greatest, in scales; 2.385 keeps 95 % of the efficiency of least squares on normal errors.
+
+    Notes
+    -----
+    weights(u) = 1 / (1 + (u/c)^2): the likelihood of Student's t with one degree of freedom; Holland and Welsch,
+    Comm. Statist. A 6, 813 (1977).
+
+    Examples
+    --------
+    >>> Cauchy(2.0).weights(np.array([0.0, 2.0, 6.0]))
+    array([1. , 0.5, 0.1])
+    """
+
+    c: float = 2.385
+
+    def __post_init__(self) -> None:
+        _check_constant(self.c)
+
+    def rho(self, u: Floats) -> Floats:
+        """Loss, which grows as a logarithm."""
+        return self.c**2 / 2.0 * np.log1p(self._squared(u))
+
+    def psi(self, u: Floats) -> Floats:
+        """Derivative of the loss."""
+        return u * self.weights(u)
+
+    def weights(self, u: Floats) -> Floats:
+        """Weight psi(u) / u."""
+        return 1.0 / (1.0 + self._squared(u))
+
+    def psi_deriv(self, u: Floats) -> Floats:
+        """Slope of psi, negative beyond c."""
+        weights = self.weights(u)
+        return weights * (2.0 * weights - 1.0)
+
+    def _squared(self, u: Floats) -> Floats:
+        return np.minimum(np.abs(u) / self.c, 1e150) ** 2
+
+
+@dataclass(frozen=True)
+class Welsch:
+    """Welsch's loss: a row's weight falls as a bell curve, smoothly and fast; redescending, so the start decides.
+
+    Parameters
+    ----------
+    c : float
+        Width of the bell in scales; 2.985 keeps 95 % of the efficiency of least squares on normal errors.
+
+    Notes
+    -----
+    weights(u) = exp(-(u/c)^2): Holland and Welsch, Comm. Statist. A 6, 813 (1977).
+
+    Examples
+    --------
+    >>> Welsch(2.0).weights(np.array([0.0, 2.0, 80.0])).round(4)
+    array([1.    , 0.3679, 0.    ])
+    """
+
+    c: float = 2.985
+
+    def __post_init__(self) -> None:
+        _check_constant(self.c)
+
+    def rho(self, u: Floats) -> Floats:
+        """Loss, which levels off at c^2 / 2."""
+        return -(self.c**2) / 2.0 * np.expm1(-(self._distance(u) ** 2))
+
+    def psi(self, u: Floats) -> Floats:
+        """Derivative of the loss."""
+        return u * self.weights(u)
+
+    def weights(self, u: Floats) -> Floats:
+        """Weight psi(u) / u."""
+        distance = self._distance(u)
+        return np.where(distance < _FAR, np.exp(-(distance**2)), 0.0)
+
+    def psi_deriv(self, u: Floats) -> Floats:
+        """Slope of psi, negative beyond c / sqrt(2)."""
+        return (1.0 - 2.0 * self._distance(u) ** 2) * self.weights(u)
+
+    def _distance(self, u: Floats) -> Floats:
+        return np.minimum(np.abs(u) / self.c, _FAR)
+
+
+@dataclass(frozen=True)
+class Hampel:
+    """Hampel's three-part loss: squares to ``a`` scales, full pull to ``b``, none beyond ``c``; redescending.
+
+    Parameters
+    ----------
+    a, b, c : float
+        Corners of psi in scales, 0 < a <= b < c; 0.9016 times (1.5, 3.5, 8) keeps 95 % of the efficiency of least
+        squares on normal errors.
+
+    Notes
+    -----
+    psi rises with slope 1 to ``a``, is level to ``b`` and falls to zero at ``c``: Hampel and others, Robust Statistics
+    (1986), section 2.6.
+
+    Examples
+    --------
+    >>> Hampel(1.0, 2.0, 4.0).psi(np.array([0.5, 1.5, 3.0, 5.0]))
+    array([0.5, 1. , 0.5, 0. ])
+    """
+
+    a: float = 0.9016 * 1.5
+    b: float = 0.9016 * 3.5
+    c: float = 0.9016 * 8.0
+
+    def __post_init__(self) -> None:
+        for name in ("a", "b", "c"):
+            _check_constant(getattr(self, name), name)
+        if not self.a <= self.b < self.c:
+            raise ValueError(f"a, b, c must rise, a <= b < c, got {self.a:g}, {self.b:g}, {self.c:g}")
+
+    def rho(self, u: Floats) -> Floats:
+        """Loss, which levels off at a (b + c - a) / 2."""
+        inner = np.minimum(np.abs(u), self.a)
+        level = np.clip(np.abs(u), self.a, self.b) - self.a
+        falling = 0.5 * (self.c - self.b) * (1.0 - self._fall(u) ** 2)
+        return 0.5 * inner**2 + self.a * (level + falling)
+
+    def psi(self, u: Floats) -> Floats:
+        """Derivative of the loss."""
+        return np.clip(u, -self.a, self.a) * self._fall(u)
+
+    def weights(self, u: Floats) -> Floats:
+        """Weight psi(u) / u."""
+        return self.a / np.maximum(np.abs(u), self.a) * self._fall(u)
+
+    def psi_deriv(self, u: Floats) -> Floats:
+        """Slope of psi: 1, 0, -a / (c - b), 0."""
+        size = np.abs(u)
+        return np.where(
+            size <= self.a, 1.0, np.where((size > self.b) & (size < self.c), -self.a / (self.c - self.b), 0)
+        )
+
+    def _fall(self, u: Floats) -> Floats:
+        return np.clip((self.c - np.abs(u)) / (self.c - self.b), 0.0, 1.0)
+
+
 def psi_deriv(loss: Loss, u: Floats) -> Floats:
     """Slope of psi at ``u``, by central difference where the loss does not give it."""
     exact = getattr(loss, "psi_deriv", None)
@@ -124,6 +274,6 @@ def psi_deriv(loss: Loss, u: Floats) -> Floats:
     return (above * loss.weights(above) - below * loss.weights(below)) / (above - below)
 
 
-def _check_constant(c: float) -> None:
-    if number("c", c, low=0.0) == 0.0:
-        raise ValueError("c must be positive, got 0")
+def _check_constant(value: float, name: str = "c") -> None:
+    if number(name, value, low=0.0) == 0.0:
+        raise ValueError(f"{name} must be positive, got 0")

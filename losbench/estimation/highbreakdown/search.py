@@ -1,0 +1,146 @@
+"""Many candidate fits of every system of a batch at once: what the high-breakdown estimates search among."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain, combinations
+from math import comb
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from losbench.estimation.robust.iterate import Groups
+from losbench.estimation.robust.problem import Problem, products, spd_inverse, unused
+
+__all__ = ["EXHAUSTIVE", "Random", "Search", "Subsets", "Units", "chunks", "generator"]
+
+Floats = NDArray[np.float64]
+Random = np.random.Generator | int | None
+
+EXHAUSTIVE = 10_000  # subsets that are all tried rather than drawn from
+_CHUNK_ELEMENTS = 2**19  # numbers of all candidates held at once in one array
+
+
+@dataclass(frozen=True)
+class Units:
+    """What is good or bad as a whole: m groups of rows, or the n rows themselves."""
+
+    groups: Groups | None
+    sizes: NDArray[np.int64]  # (m,), rows of each
+
+    @classmethod
+    def read(cls, group: ArrayLike | None, n: int) -> Units:
+        """Check labels (n,)."""
+        if group is None:
+            return cls(None, np.ones(n, dtype=np.int64))
+        groups = Groups.read(group, n)
+        return cls(groups, np.bincount(groups.labels))
+
+    @property
+    def rows(self) -> int:
+        """Rows of a typical unit."""
+        return max(1, round(float(self.sizes.mean())))
+
+    def needed(self, rank: int) -> int:
+        """Number of units that determine ``rank`` unknowns, whichever they are."""
+        return min(len(self.sizes), 1 + int(np.searchsorted(np.cumsum(np.sort(self.sizes)), rank)))
+
+    def majority(self, rank: int) -> int:
+        """Number of units that must agree, so that as many bad ones as can be are survived."""
+        return min(len(self.sizes), (len(self.sizes) + self.needed(rank) + 1) // 2)
+
+    def sums(self, values: Floats) -> Floats:
+        """Sums over the rows of each unit, (..., n) -> (..., m)."""
+        if self.groups is None:
+            return values
+        return np.add.reduceat(values[..., self.groups.order], self.groups.first, axis=-1)
+
+    def spread(self, values: Floats) -> Floats:
+        """What each row has from its unit, (..., m) -> (..., n)."""
+        return values if self.groups is None else values[..., self.groups.labels]
+
+    def choose(self, size: int, *, most: int, starts: int, rng: np.random.Generator) -> Floats:
+        """Weights (k, n) of all subsets of ``size`` units if they are at most ``most``, of random ones otherwise."""
+        count = len(self.sizes)
+        if comb(count, size) <= most:
+            chosen = np.fromiter(chain.from_iterable(combinations(range(count), size)), dtype=np.intp)
+            chosen = chosen.reshape(-1, size)
+        else:
+            chosen = np.argsort(rng.random((starts, count)), axis=1)[:, :size]
+        weights = np.zeros((len(chosen), count))
+        np.put_along_axis(weights, chosen, 1.0, axis=1)
+        return self.spread(weights)
+
+
+class Search:
+    """Weighted fits of B systems, k candidates each: coordinates (B, k, p) and residuals (B, k, n)."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._pairs = np.swapaxes(products(problem.basis), 1, 2)
+        self._unused = unused(problem.rank, problem.basis.shape[1])[:, None]
+
+    def fits(self, weights: Floats) -> Floats:
+        """Coordinates (B, k, p) of weighted least squares with weights (B, k, n)."""
+        return np.matvec(self.inverse(weights), self.pulls(weights))
+
+    def pulls(self, weights: Floats) -> Floats:
+        """Right-hand sides (B, k, p) of weighted least squares."""
+        return (weights * self.problem.y[:, None]) @ np.swapaxes(self.problem.basis, 1, 2)
+
+    def residuals(self, z: Floats) -> Floats:
+        """Residuals (B, k, n) at coordinates (B, k, p), scaled as the problem is."""
+        return z @ self.problem.basis - self.problem.y[:, None]
+
+    def covariance(self, weights: Floats, size: Floats) -> Floats:
+        """Covariance (B, p, p) in the user's units: size^2 (A'WA)^-1 for weights (B, n) and scaled sizes (B,)."""
+        to_x = self.problem.to_x
+        inverse = to_x @ self.inverse(weights[:, None])[:, 0] @ np.swapaxes(to_x, 1, 2)
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            return inverse * ((size * self.problem.x_unit) ** 2)[:, None, None]
+
+    def inverse(self, weights: Floats) -> Floats:
+        """Inverses (B or 1, k, p, p) of the normal matrices with weights (B or 1, k, n)."""
+        packed = weights @ self._pairs + self._unused
+        p = self.problem.basis.shape[1]
+        return spd_inverse(packed.reshape(-1, packed.shape[-1]), p).reshape(*packed.shape[:-1], p, p)
+
+
+class Subsets:
+    """The same k subsets of rows in all systems: where all share one A, their fits are one matrix product."""
+
+    def __init__(self, problem: Problem, weights: Floats) -> None:
+        self.weights = weights  # (k, n), 1 for the rows of the subset
+        self._matrices: tuple[Floats, Floats] | None = None
+        if len(problem.basis) == 1:
+            pull = problem.basis * weights[:, None]
+            fit = Search(problem.part(slice(0, 1))).inverse(weights[None])[0] @ pull
+            n = weights.shape[1]
+            self._matrices = pull.reshape(-1, n), fit.reshape(-1, n)
+
+    def fits(self, search: Search) -> Floats:
+        """Coordinates (B, k, p) of least squares over each subset."""
+        if self._matrices is None:
+            return search.fits(self.weights)
+        return self._shaped(search.problem.y @ self._matrices[1].T)
+
+    def misfits(self, search: Search, z: Floats) -> Floats:
+        """Sums (B, k) of the squared residuals of each subset at its own fit, to the rounding error of y'y."""
+        y = search.problem.y
+        pulls = search.pulls(self.weights) if self._matrices is None else self._shaped(y @ self._matrices[0].T)
+        return y**2 @ self.weights.T - np.vecdot(pulls, z)
+
+    def _shaped(self, values: Floats) -> Floats:
+        return values.reshape(len(values), len(self.weights), -1)
+
+
+def chunks(count: int, elements: int) -> Iterator[slice]:
+    """Parts of ``count`` systems, with so many numbers for the candidates of each, that fit into a little memory."""
+    size = max(1, _CHUNK_ELEMENTS // elements)
+    return (slice(first, first + size) for first in range(0, count, size))
+
+
+def generator(rng: Random) -> np.random.Generator:
+    """Return the generator given, or one of its own from a seed; the same one for None, so that results repeat."""
+    return np.random.default_rng(0 if rng is None else rng)

@@ -1,0 +1,185 @@
+"""Least trimmed squares: the half of the rows that agree best decides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import comb
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammainc, gammaincinv
+
+from losbench.checks import integer
+from losbench.estimation.highbreakdown.mscale import MScale
+from losbench.estimation.highbreakdown.search import EXHAUSTIVE, Random, Search, Subsets, Units, chunks, generator
+from losbench.estimation.robust.fit import _result
+from losbench.estimation.robust.problem import read_problem
+from losbench.estimation.robust.result import RobustFit
+from losbench.estimation.robust.scales import ScaleRule
+
+__all__ = ["lts"]
+
+Floats = NDArray[np.float64]
+
+_KEPT = 0.98758  # share of good units that reweighting keeps: 2.5 sigma for single rows
+_BEST = 10  # candidates that concentration steps carry on with, of random starts
+_LEAST = 3  # and of all subsets, which rounding may fail to tell apart
+_STEPS = 100
+
+
+def lts(
+    A: ArrayLike,
+    y: ArrayLike,
+    *,
+    h: int | None = None,
+    group: ArrayLike | None = None,
+    scale: float | ArrayLike | None = None,
+    starts: int = 500,
+    rng: Random = None,
+) -> RobustFit:
+    """Solve A x = y by least trimmed squares, for one system or a batch, and refit without what it exposes.
+
+    Parameters
+    ----------
+    A : (n, p) or (..., n, p) array
+        Design matrix, n >= p; one for all systems, or one each.
+    y : (..., n) array
+        Observations.
+    h : int, optional
+        Number of rows (groups, if grouped) that must fit; floor((m + q + 1) / 2) of m unless given, where q of them
+        determine the unknowns: the choice that survives most bad ones.
+    group : (n,) labels, optional
+        Rows that are good or bad together, such as the x and y of a spot.
+    scale : float or (...) array, unit of y, optional
+        Standard deviation of a good row, if known; estimated otherwise.
+    starts : int
+        Random starts, where there are too many subsets to try them all.
+    rng : Generator or int, optional
+        Source of the random starts; the same ones every time unless given.
+
+    Returns
+    -------
+    RobustFit
+        Least squares over the rows kept, ``weights`` 1 and 0. ``scale`` is the root mean square of their residuals
+        with p taken off and cutting allowed for, ``cov`` = scale^2 (A'WA)^-1, which takes the choice of rows as given:
+        the scatter on normal errors is larger, by 24 % at n = 40 and 11 % at n = 200 with three unknowns.
+
+    Raises
+    ------
+    ValueError
+        If shapes disagree, n < p, a value is NaN or infinite, or ``h`` is too small or too large.
+
+    Notes
+    -----
+    Minimises the sum of the h smallest squared residuals: over all subsets of h while they are at most 10 000, else by
+    FAST-LTS, from subsets that just determine the unknowns by concentration steps (Rousseeuw and Van Driessen, Data
+    Min. Knowl. Discov. 12, 29 (2006)). Rows beyond 2.5 scales of that fit are left out of the final one; its scale is
+    the M-scale of all residuals with a breakdown of one half, as in `mm`, which keeps its size in small samples.
+
+    Examples
+    --------
+    >>> A = np.stack([np.ones(7), np.arange(7.0)], axis=-1)
+    >>> fit = lts(A, [1.1, 2.9, 5.2, 6.9, 90.0, 91.0, 13.1])
+    >>> fit.x.round(2)
+    array([1.03, 2.01])
+    >>> fit.weights
+    array([1., 1., 1., 1., 0., 0., 1.])
+    """
+    problem = read_problem(A, y)
+    units = Units.read(group, problem.y.shape[1])
+    rank, count = int(problem.rank.max()), len(units.sizes)
+    needed, majority = units.needed(rank), units.majority(rank)
+    h = majority if h is None else integer("h", h, low=needed, high=count)
+    known = None if scale is None else ScaleRule(scale, problem.batch, problem.y_unit)
+    exact = comb(count, h) <= EXHAUSTIVE
+    most, starts = EXHAUSTIVE if exact else 0, integer("starts", starts, low=1)
+    chosen = units.choose(h if exact else needed, most=max(most, starts), starts=starts, rng=generator(rng))
+    # What least squares leaves: the sums of squares that are compared then lose the fewest digits.
+    start = problem.least_squares()
+    left = replace(problem, y=-problem.residuals(start))
+    subsets, parts = Subsets(left, chosen), []
+    for part in chunks(len(start), len(chosen) * left.basis.shape[1 if exact else 2]):
+        search = Search(left.part(part))
+        z = subsets.fits(search)
+        z = _best(z, subsets.misfits(search, z), _LEAST) if exact else _concentrated(search, z, units, h)
+        z = _settled(search, z, units, h)
+        given = None if known is None else known(z, np.arange(len(start))[part])
+        parts.append(_reweighted(search, z, units, given, h=h, survive=count - max(h, majority)))
+    z, weights, working, cov = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    z += start
+    return _result(
+        problem,
+        z,
+        (problem.residuals(z), weights, working, cov),
+        n_iter=np.zeros(len(z), dtype=np.int64),
+        converged=np.ones(len(z), dtype=bool),
+        loss=f"least trimmed squares, h = {h} of {count}, reweighted",
+        scale_method="sqrt(RSS/dof) of the rows kept" if known is None else "given",
+        group=None if units.groups is None else units.groups.labels,
+    )
+
+
+def _concentrated(search: Search, z: Floats, units: Units, h: int) -> Floats:
+    """Coordinates of the best of candidates (B, k, p), after two refits to the h units that fit best."""
+    for _ in range(2):
+        z = search.fits(_kept(search, z, units, h))
+    return _best(z, _trimmed(search, z, units, h), _BEST)
+
+
+def _settled(search: Search, z: Floats, units: Units, h: int) -> Floats:
+    """Coordinates (B, p) of the best candidate where refitting changes nothing any more."""
+    for _ in range(_STEPS):
+        before, z = z, search.fits(_kept(search, z, units, h))
+        if np.array_equal(before, z):
+            break
+    return _best(z, _trimmed(search, z, units, h), 1)[:, 0]
+
+
+def _kept(search: Search, z: Floats, units: Units, h: int) -> Floats:
+    """Weights (B, k, n): 1 for the rows of the h units that fit best."""
+    sizes = units.sums(search.residuals(z) ** 2)
+    chosen = np.argpartition(sizes, h - 1, axis=-1)[..., :h]
+    weights = np.zeros(sizes.shape)
+    np.put_along_axis(weights, chosen, 1.0, axis=-1)
+    return units.spread(weights)
+
+
+def _trimmed(search: Search, z: Floats, units: Units, h: int) -> Floats:
+    """Sum (B, k) of the h smallest squared sizes of the units."""
+    return np.partition(units.sums(search.residuals(z) ** 2), h - 1, axis=-1)[..., :h].sum(axis=-1)
+
+
+def _best(z: Floats, objective: Floats, count: int) -> Floats:
+    """Coordinates (B, count, p) of the least objectives (B, k)."""
+    chosen = np.argpartition(objective, min(count, objective.shape[1]) - 1, axis=1)[:, :count]
+    return np.take_along_axis(z, chosen[..., None], axis=1)
+
+
+def _reweighted(
+    search: Search, z: Floats, units: Units, given: Floats | None, *, h: int, survive: int
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Final coordinates, weights and scale, scaled, and the covariance in the user's units."""
+    problem, residuals = search.problem, search.residuals(z[:, None])
+    first = given
+    if first is None:
+        measure = MScale(problem, units, survive)
+        first = measure.better(residuals, measure.start(residuals))[:, 0]
+    first = np.maximum(first, problem.floor)
+    with np.errstate(over="ignore"):
+        sizes = units.sums((residuals[:, 0] / first[:, None]) ** 2) / units.sizes
+    limit = 2.0 * gammaincinv(0.5 * units.sizes, _KEPT) / units.sizes
+    trimmed = _kept(search, z[:, None], units, h)[:, 0]
+    weights = np.maximum(units.spread((sizes <= limit).astype(np.float64)), trimmed)
+    z = search.fits(weights[:, None])[:, 0]
+    residuals = problem.residuals(z)
+    dof = weights.sum(axis=1) - problem.rank
+    spread = np.sqrt(np.vecdot(weights, residuals**2) / np.maximum(dof, 1.0) / _truncated(_KEPT, units.rows))
+    scale = np.maximum(spread if given is None else given, problem.floor)
+    size = np.where(dof > 0, scale, np.nan) if given is None else scale
+    return z, weights, scale, search.covariance(weights, size)
+
+
+def _truncated(share: float, rows: int) -> float:
+    """Mean square per row of the ``share`` of units of ``rows`` standard normal errors that are smallest."""
+    half = float(gammaincinv(0.5 * rows, share))
+    return float(gammainc(0.5 * rows + 1.0, half)) / share
