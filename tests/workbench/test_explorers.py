@@ -16,6 +16,7 @@ from PIL import Image
 
 from losbench.workbench.explorers import (
     CentroidExplorer,
+    InertialExplorer,
     IRLSExplorer,
     MonteCarloExplorer,
     StarCameraExplorer,
@@ -24,7 +25,7 @@ from losbench.workbench.explorers import (
 )
 from losbench.workbench.explorers.controls import Choice, Field, LogSlider, Slider, numbers, whole_number
 
-EXPLORERS = [CentroidExplorer, IRLSExplorer, MonteCarloExplorer, StarCameraExplorer, ThermalExplorer]
+EXPLORERS = [CentroidExplorer, InertialExplorer, IRLSExplorer, MonteCarloExplorer, StarCameraExplorer, ThermalExplorer]
 EXPECTED_NOTES = (
     "with two spots per solve no outlier can be identified",
     "attitudes did not converge; their last iterate is kept",
@@ -124,6 +125,7 @@ def test_new_noise_is_another_picture_and_reset_the_first(explorer):
 
 RESULT = {
     CentroidExplorer: lambda n: (n["found"].xy[0, 0] - n["truth"], ".2f", "error of this frame"),
+    InertialExplorer: lambda n: ([np.linalg.norm(n["found"].xy - n["star"].end)], ".4f", "error, iterative, above 2 %"),
     IRLSExplorer: lambda n: (np.sqrt(np.mean(n["fit"].angles_arcsec ** 2, axis=0)), ".3g", "IRLS: RMS error"),
     MonteCarloExplorer: lambda n: (n["run"].sigma_arcsec[0], ".3g", "RMS"),
     StarCameraExplorer: lambda n: (n["shown"], ".3f", "LSFE · NEA unbiased, raw"),

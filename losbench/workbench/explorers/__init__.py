@@ -1,9 +1,17 @@
 """Explorers: sliders over a picture that follows them, one call each, for notebooks."""
 
 from losbench.workbench.explorers.centroid import CentroidExplorer
+from losbench.workbench.explorers.inertial import InertialExplorer
 from losbench.workbench.explorers.irls import IRLSExplorer
 from losbench.workbench.explorers.montecarlo import MonteCarloExplorer
 from losbench.workbench.explorers.starcamera import StarCameraExplorer
 from losbench.workbench.explorers.thermal import ThermalExplorer
 
-__all__ = ["CentroidExplorer", "IRLSExplorer", "MonteCarloExplorer", "StarCameraExplorer", "ThermalExplorer"]
+__all__ = [
+    "CentroidExplorer",
+    "IRLSExplorer",
+    "InertialExplorer",
+    "MonteCarloExplorer",
+    "StarCameraExplorer",
+    "ThermalExplorer",
+]
