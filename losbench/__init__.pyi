@@ -53,6 +53,8 @@ from .pointing.starcamera import correct_drift as correct_drift
 from .pointing.starcamera import drift_from_spots as drift_from_spots
 from .pointing.thermal import ThermalNetwork as ThermalNetwork
 from .pointing.thermal import fit_sensitivity as fit_sensitivity
+from .pointing.tracking import AttitudeTrack as AttitudeTrack
+from .pointing.tracking import track_attitude as track_attitude
 from .recording.measure import Measurement as Measurement
 from .recording.measure import measure as measure
 from .recording.readers import Recording as Recording

@@ -404,7 +404,7 @@ def test_a_limit_on_iterations_is_reported_once():
             "got 0 and 2 on one line of sight, which leaves the rotation about it undetermined",
         ),
         (SPOTS[None], np.zeros((6, 2)), {}, r"points must have shape \(n, 3\), got \(1, 6, 3\)"),
-        (SPOTS, np.zeros((6, 2)), {"method": "lts"}, "method must be one of 'irls', 'ls', got 'lts'"),
+        (SPOTS, np.zeros((6, 2)), {"method": "best"}, "method must be one of 'irls', 'ls', 'lts', 'mm', got 'best'"),
         (SPOTS, np.zeros((6, 2)), {"model": "fisheye"}, "model must be one of 'pinhole', 'paper', got 'fisheye'"),
         (SPOTS, np.zeros((6, 2)), {"group": "frame"}, "group must be one of 'spot', got 'frame'"),
         (SPOTS, np.zeros((6, 2)), {"exact": True, "model": "paper"}, "exact must be False with model 'paper'"),

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc
 
 from losbench.checks import boolean, choice, finite_or_nan, integer, number, shaped
+from losbench.estimation.highbreakdown import lts, mm
 from losbench.estimation.losses import Huber, Loss
 from losbench.estimation.robust import RobustFit, irls, lstsq
 from losbench.estimation.robust.scales import Scale
@@ -37,7 +38,7 @@ def solve_attitude(
     shifts: ArrayLike,
     *,
     model: Model = "pinhole",
-    method: Literal["irls", "ls"] = "irls",
+    method: Literal["irls", "ls", "lts", "mm"] = "irls",
     loss: Loss = Huber(1.345),  # noqa: B008 - frozen
     scale: Scale | None = None,
     sigma: ArrayLike | None = None,
@@ -57,12 +58,14 @@ def solve_attitude(
         Displacements of the spots on the image plane. A spot with a NaN is missing from that frame.
     model : "pinhole" or "paper"
         Rows of the design matrix, see `design_matrix`.
-    method : "irls" or "ls"
-        Robust, or least squares.
+    method : "irls", "ls", "lts" or "mm"
+        Reweighted, least squares, or one that almost half of the spots cannot mislead: least trimmed squares or an
+        MM-estimate, see `lts` and `mm`.
     loss : loss object
         For "irls".
     scale : str, float or callable, optional
-        For "irls", as `irls` takes it. Unless given, "mad", or the known scale where ``sigma`` is given.
+        For "irls", as `irls` takes it; a number for "lts" and "mm". Unless given, "mad" (or the method's own), or the
+        known scale where ``sigma`` is given.
     sigma : float or array that broadcasts to ``shifts``, unit of ``shifts``, optional
         Standard deviation of each shift. Weighs the rows, makes the covariance absolute and p_value known.
     stack : int
@@ -107,20 +110,23 @@ def solve_attitude(
     """
     p, moved = distinct_points(points), finite_or_nan("shifts", shifts)
     shaped("shifts", moved, ("...", len(p), 2), why=f"to match {len(p)} points")
-    choice("method", method, ("irls", "ls"))
+    choice("method", method, ("irls", "ls", "lts", "mm"))
     if group is not None:
         choice("group", group, ("spot",))
     if boolean("exact", exact) and model != "pinhole":
         raise ValueError(f"exact must be False with model {model!r}: the exact projection is that of a pinhole")
     if integer("stack", stack, low=1) > 1 and moved.ndim < 3:
         raise ValueError(f"shifts must have shape (..., frames, {len(p)}, 2) to be stacked, got {moved.shape}")
-    if method == "irls" and len(p) == 2 and (stack == 1 or moved.shape[-3] == 1):
+    if method != "ls" and len(p) == 2 and (stack == 1 or moved.shape[-3] == 1):
         warnings.warn(_TWO_SPOTS, UserWarning, stacklevel=2)
-    if scale is None:
-        scale = "mad" if sigma is None else 1.0
+    if scale is None and sigma is not None:
+        scale = 1.0
+    if scale is not None and not (method == "irls" and (isinstance(scale, str) or callable(scale))):
+        scale = number("scale", scale)
     recipe = _Recipe(
-        loss=None if method == "ls" else loss,
-        scale=scale if isinstance(scale, str) or callable(scale) else number("scale", scale),
+        method=method,
+        loss=loss,
+        scale=scale,
         by_spot=group == "spot",
         max_iter=integer("max_iter", max_iter, low=1),
         known=sigma is not None,
@@ -139,10 +145,11 @@ def solve_attitude(
 
 @dataclass(frozen=True)
 class _Recipe:
-    """How to solve linear blocks; without a loss by least squares."""
+    """How to solve linear blocks."""
 
-    loss: Loss | None
-    scale: Scale
+    method: str
+    loss: Loss
+    scale: Scale | None
     by_spot: bool
     max_iter: int
     known: bool
@@ -178,7 +185,7 @@ class _Recipe:
         solved = self._fit(matrix, right)
         p_value = np.full(count, np.nan)
         if self.known:
-            least = solved if self.loss is None else lstsq(matrix, right)
+            least = solved if self.method == "ls" else lstsq(matrix, right)
             p_value = chdtrc(least.dof, np.vecdot(least.residuals, least.residuals))
         return AttitudeFit(
             angles=solved.x,
@@ -194,17 +201,16 @@ class _Recipe:
         )
 
     def _fit(self, matrix: Floats, right: Floats) -> RobustFit:
-        if self.loss is None:
+        if self.method == "ls":
             return lstsq(matrix, right, scale=1.0 if self.known else None)
-        return irls(
-            matrix,
-            right,
-            loss=self.loss,
-            scale=self.scale,
-            group=_spot_labels(right.shape[1]) if self.by_spot else None,
-            max_iter=self.max_iter,
-            on_fail="ignore",
-        )
+        group = _spot_labels(right.shape[1]) if self.by_spot else None
+        known: Any = self.scale
+        if self.method == "lts":
+            return lts(matrix, right, group=group, scale=known)
+        if self.method == "mm":
+            return mm(matrix, right, group=group, scale=known, on_fail="ignore")
+        scale = "mad" if self.scale is None else self.scale
+        return irls(matrix, right, loss=self.loss, scale=scale, group=group, max_iter=self.max_iter, on_fail="ignore")
 
 
 def _spot_labels(rows: int) -> NDArray[np.intp]:
