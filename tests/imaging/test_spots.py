@@ -72,3 +72,29 @@ def test_what_does_not_fit_is_refused_by_name(change, message):
     arguments = {"xy": [[2.0, 2.0]], "flux": 1.0, "sigma": 1.0, "shape": (5, 5)} | change
     with pytest.raises(ValueError, match=message):
         lb.render_spots(**arguments)
+
+
+def test_a_streak_is_the_mean_of_its_moments_and_each_star_has_its_own():
+    tracks = np.random.default_rng(7).uniform(5, 14, (2, 3, 4, 2))
+    share, flux = np.array([0.1, 0.4, 0.3, 0.2]), np.array([100.0, 30.0, 500.0])
+    streaks = lb.render_streaks(tracks, share, flux, 0.9, (20, 20))
+    moments = [part * lb.render_spots(tracks[..., k, :], flux, 0.9, (20, 20)) for k, part in enumerate(share)]
+    np.testing.assert_allclose(streaks, np.sum(moments, axis=0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"tracks": np.zeros((1, 5, 2))},
+            r"tracks must have shape \(\.\.\., n, 4, 2\) to match 4 shares, got \(1, 5, 2\)",
+        ),
+        ({"share": [np.nan] * 4}, "share must be finite"),
+        ({"flux": [1.0, 2.0]}, r"flux must broadcast to \(1,\)"),
+        ({"sigma": 0.0}, "sigma must be positive"),
+    ],
+)
+def test_a_streak_that_does_not_fit_is_refused_by_name(change, message):
+    arguments = {"tracks": np.zeros((1, 4, 2)), "share": np.full(4, 0.25), "flux": 1.0, "sigma": 1.0, "shape": (5, 5)}
+    with pytest.raises(ValueError, match=message):
+        lb.render_streaks(**(arguments | change))
