@@ -18,14 +18,14 @@ _SHOWN = """async (index) => {
 
 
 class ExplorerPage:
-    """The explorer number ``index`` of the notebook in front."""
+    """The explorer number ``index`` of the notebook in front, or any other ``box`` of sliders."""
 
-    def __init__(self, page: Any, index: int = 0) -> None:
+    def __init__(self, page: Any, index: int = 0, *, box: Any = None) -> None:
         self.page, self._index = page, index
         panel = page.locator(".jp-NotebookPanel:not(.lm-mod-hidden)")
         self.picture = panel.locator("img.widget-image").nth(index)
         self.picture.wait_for(timeout=60_000)
-        self.box = panel.locator(".widget-vbox:has(> img.widget-image)").nth(index)
+        self.box = box or panel.locator(".widget-vbox:has(> img.widget-image)").nth(index)
 
     def shown(self) -> str:
         """Return the settings that the picture on the screen was drawn for."""

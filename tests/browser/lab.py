@@ -57,6 +57,36 @@ _STATE = """() => {
 }"""
 
 
+_ASK = """async (code) => {
+    const kernel = window.jupyterapp.shell.currentWidget.sessionContext.session.kernel;
+    const future = kernel.requestExecute({code, store_history: false});
+    let text = '';
+    future.onIOPub = message => { if (message.header.msg_type === 'stream') text += message.content.text; };
+    await future.done;
+    return text;
+}"""
+
+
+# What a callback raises reaches no cell, only the log.
+_WATCH = """() => {
+    window.raised = [];
+    const kernel = window.jupyterapp.shell.currentWidget.sessionContext.session.kernel;
+    kernel.anyMessage.connect((_, {msg}) => {
+        if (msg.header.msg_type === 'error') window.raised.push(`${msg.content.ename}: ${msg.content.evalue}`);
+    });
+}"""
+
+
+def ask_kernel(page: Any, code: str) -> str:
+    """Run code in the kernel of the notebook in front, outside of any cell; return what it prints."""
+    return str(page.evaluate(_ASK, code))
+
+
+def raised(page: Any) -> list[str]:
+    """Return the errors of the kernel since the notebook was opened, those of callbacks included."""
+    return list(page.evaluate("() => window.raised"))
+
+
 def notebook(*sources: str) -> nbformat.NotebookNode:
     """Make a notebook of code cells."""
     cells = [nbformat.v4.new_code_cell(source, id=f"cell-{k}") for k, source in enumerate(sources)]
@@ -135,6 +165,7 @@ class Lab:
         page.goto(f"{self.url}/lab/tree/{name}?token={self._token}&reset")
         page.wait_for_selector(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-CodeCell", timeout=60_000)
         page.evaluate(_READY)
+        page.evaluate(_WATCH)
 
     def run_all(self, page: Any, *, timeout_s: float = 180.0) -> None:
         """Run every cell of the notebook in front; raise if one of them fails."""

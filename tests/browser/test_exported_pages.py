@@ -11,7 +11,7 @@ from losbench.resources import build_folder
 from losbench.workbench.export import notebook_to_html
 from losbench.workbench.running import run_notebook
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
 
 FORMULAS = r"""# A page
 

@@ -75,16 +75,21 @@ class Picture:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Give axes their places once, with room for wide numbers: axes that shift would hide what a slider does."""
-    each = [axes.yaxis for axes in figure.axes]
-    formatters = [axis.get_major_formatter() for axis in each]
-    for axis in each:
-        axis.set_major_formatter(_WIDEST)
+    """Give axes and labels their places once, with room for wide numbers.
+
+    Axes that shift would hide what a slider does, and looking for places takes a third of a drawing.
+    """
+    formatters = [axes.yaxis.get_major_formatter() for axes in figure.axes]
+    for axes in figure.axes:
+        axes.yaxis.set_major_formatter(_WIDEST)
     figure.set_layout_engine("constrained", rect=(0.0, 0.0, 0.98, 1.0))
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    for axis, formatter in zip(each, formatters, strict=True):
-        axis.set_major_formatter(formatter)
+    for axes, formatter in zip(figure.axes, formatters, strict=True):
+        axes.yaxis.set_major_formatter(formatter)
+        for axis in (axes.xaxis, axes.yaxis):
+            place = axis.label.get_transform().transform(axis.label.get_position())
+            axis.set_label_coords(*axes.transAxes.inverted().transform(place))
 
 
 def _described(png: bytes, text: str) -> bytes:

@@ -1,0 +1,209 @@
+"""From slider to picture: every explorer beside plain ``interact`` and ``plt.show`` of the same figure, in a browser.
+
+Explorer and plain twin stand in one notebook and take turns, so that a busy moment meets both. A picture counts when it
+has been decoded and the next frame of the screen begins.
+"""
+
+import argparse
+import csv
+import statistics
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import nbformat
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "tests" / "browser"))
+
+from explorer_page import ExplorerPage  # noqa: E402
+from lab import CHROMIUM, WHY_NOT, chromium, jupyterlab, notebook  # noqa: E402
+
+from losbench.workbench import explorers  # noqa: E402
+
+REFERENCE = '''
+import numpy as np
+from losbench.figures import COLOURS
+from losbench.workbench.explorers.base import Explorer
+from losbench.workbench.explorers.controls import Slider
+
+class Reference(Explorer):
+    """Two by two panels of 500 points each, of which one line moves."""
+    controls = {"phase_deg": Slider("phase", 0, 0, 360, 2, "deg"), "amplitude": Slider("amplitude", 1.0, 0.0, 2.0, 0.1)}
+    size_in = (7.0, 5.0)
+
+    def build(self, figure):
+        self.x = np.linspace(0.0, 4.0 * np.pi, 500)
+        self.lines = []
+        for k, axes in enumerate(figure.subplots(2, 2).flat):
+            axes.plot(self.x, np.sin((k + 1) * self.x / 2), color=COLOURS["sky"])
+            self.lines += axes.plot(self.x, self.x, color=COLOURS["vermilion"], label="moves")
+            axes.set(title=f"panel {k + 1}", xlabel="x (rad)", ylabel="y", xlim=(0, 12.6), ylim=(-2.2, 2.2))
+            axes.legend(loc="upper right")
+        return self.lines
+
+    def update(self, *, phase_deg, amplitude):
+        for k, line in enumerate(self.lines):
+            line.set_ydata(amplitude * np.sin((k + 1) * self.x / 2 + np.radians(phase_deg)))
+        return {"phase": f"{phase_deg} deg"}
+
+    def code(self, *, phase_deg, amplitude):
+        return f"{amplitude} * np.sin(x + np.radians({phase_deg}))"
+
+Kind = Reference
+'''
+IMPORT = "from losbench.workbench.explorers import {0} as Kind"
+TWIN = """
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+from ipywidgets import interact
+from losbench.workbench.explorers.picture import style
+
+held = Kind()
+
+def draw(**values):
+    with mpl.rc_context(style()):
+        figure = plt.figure(figsize=Kind.size_in, dpi=100, layout="none")
+        held.build(figure)
+        held.update(**{name: Kind.controls[name].read(value) for name, value in values.items()})
+        plt.show()
+
+_ = interact(draw, **{name: control.widget(control.value) for name, control in Kind.controls.items()})
+"""
+# Times of keys, mouse moves and pictures, in milliseconds of the page's clock.
+WATCH = """() => {
+    window.seen = {moves: [], pictures: []};
+    const move = event => window.seen.moves.push(performance.now());
+    document.addEventListener('keydown', move, true);
+    document.addEventListener('mousemove', move, true);
+    document.addEventListener('load', event => {
+        if (event.target.tagName !== 'IMG' || event.target.naturalWidth < 300) return;
+        requestAnimationFrame(() => window.seen.pictures.push(performance.now()));
+    }, true);
+}"""
+LINE = (
+    "{explorer:20s} {median_ms:4.0f} ms (95 %: {p95_ms:4.0f})  plain {plain_ms:4.0f} ms"
+    "  ratio {ratio:4.2f} (at most {ratio_limit:g})"
+    "  {pictures_per_s:4.1f} pictures/s (plain {plain_pictures_per_s:.1f}, at least {least_pictures_per_s:g})"
+    "  last move to picture {last_move_to_picture_ms:3.0f} ms (at most 200): {verdict}"
+)
+KEYS, ROUNDS = 10, 3
+QUIET_MS = 700
+DRAG_S = 1.5
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was measured of one explorer and its twin, and what is asked for."""
+
+    explorer: str
+    median_ms: float
+    p95_ms: float
+    plain_ms: float
+    ratio: float
+    ratio_limit: float
+    pictures_per_s: float
+    plain_pictures_per_s: float
+    least_pictures_per_s: float
+    last_move_to_picture_ms: float
+    verdict: str
+
+
+def latencies(page: Any, handle: Any) -> list[float]:
+    """Press keys, one at a time, there and back; return the time from key to picture of each."""
+    found = []
+    handle.focus()
+    for key in ["ArrowRight"] * (KEYS // 2) + ["ArrowLeft"] * (KEYS // 2):
+        page.evaluate("() => { window.seen.moves.length = window.seen.pictures.length = 0; }")
+        page.keyboard.press(key)
+        page.wait_for_function("() => window.seen.pictures.length > 0", timeout=20_000, polling=10)
+        seen = page.evaluate("() => window.seen")
+        found.append(seen["pictures"][0] - seen["moves"][0])
+        page.wait_for_timeout(120)
+    return found
+
+
+def dragged(page: Any, drag: Callable[[], None]) -> tuple[float, float]:
+    """Drag a slider; return pictures per second while it moves, and the time from the last move to the last picture."""
+    page.evaluate("() => { window.seen.moves.length = window.seen.pictures.length = 0; }")
+    drag()
+    count = -1
+    while count != (now := page.evaluate("() => window.seen.pictures.length")):
+        count = now
+        page.wait_for_timeout(QUIET_MS)
+    seen = page.evaluate("() => window.seen")
+    first, last = seen["moves"][0], seen["moves"][-1]
+    during = sum(first <= picture <= last for picture in seen["pictures"])
+    return 1e3 * during / (last - first), seen["pictures"][-1] - last
+
+
+def measure(lab: Any, page: Any, name: str) -> Row:
+    """Measure the explorer and its twin in turns."""
+    lab.open(page, f"{name}.ipynb")
+    lab.run_all(page)
+    ours = ExplorerPage(page)
+    twin = page.locator(".jp-NotebookPanel:not(.lm-mod-hidden) .widget-interact")
+    twin.locator(".jp-OutputArea img").first.wait_for(timeout=60_000)
+    page.evaluate(WATCH)
+    page.wait_for_timeout(QUIET_MS)
+    plain = ExplorerPage(page, box=twin)
+    times: list[list[float]] = [[], []]
+    drags: list[list[tuple[float, float]]] = [[], []]
+    for _ in range(ROUNDS):
+        for place, each in enumerate((ours, plain)):
+            times[place] += latencies(page, each.slider(0)[0])
+    for _ in range(ROUNDS):
+        for place, each in enumerate((ours, plain)):
+            drags[place].append(dragged(page, lambda each=each: each.drag(0, seconds=DRAG_S)))
+            page.keyboard.press("Home")
+            page.wait_for_timeout(2 * QUIET_MS)
+    median, other = (statistics.median(each) for each in times)
+    rate, final = (statistics.median(column) for column in zip(*drags[0], strict=True))
+    limit, least = (0.45, 12.0) if name == "Reference" else (0.7, 8.0)
+    met = median <= limit * other and rate >= least and final <= 200.0
+    return Row(
+        explorer=name,
+        median_ms=median,
+        p95_ms=statistics.quantiles(times[0], n=20)[-1],
+        plain_ms=other,
+        ratio=median / other,
+        ratio_limit=limit,
+        pictures_per_s=rate,
+        plain_pictures_per_s=statistics.median(each for each, _ in drags[1]),
+        least_pictures_per_s=least,
+        last_move_to_picture_ms=final,
+        verdict="ok" if met else "MISSED",
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--save", action="store_true", help="write the table to benchmarks/baselines")
+    parser.add_argument("names", nargs="*", help="explorers to measure; by default the reference figure and all")
+    options = parser.parse_args()
+    if CHROMIUM is None:
+        sys.exit(print(WHY_NOT))
+    names = options.names or ["Reference", *explorers.__all__]
+    rows = []
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser, jupyterlab(Path(folder)) as lab:
+        for name in names:
+            kind = REFERENCE if name == "Reference" else IMPORT.format(name)
+            nbformat.write(notebook(kind, "Kind()", TWIN), Path(folder) / f"{name}.ipynb")
+        for name in names:
+            with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
+                rows.append(measure(lab, context.new_page(), name))
+            lab.delete_sessions()
+            print(LINE.format(**asdict(rows[-1])), flush=True)
+    if options.save:
+        with (HERE / "baselines" / "explorers.csv").open("w", newline="") as file:
+            table = csv.DictWriter(file, list(asdict(rows[0])), lineterminator="\n")
+            table.writeheader()
+            table.writerows({k: f"{v:.3g}" if isinstance(v, float) else v for k, v in asdict(r).items()} for r in rows)
+    sys.exit(any(row.verdict == "MISSED" for row in rows))
+
+
+if __name__ == "__main__":
+    main()
