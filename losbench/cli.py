@@ -67,7 +67,9 @@ def _parser() -> argparse.ArgumentParser:
     two.add_argument("--times", type=Path, metavar="CSV", help="frame times, column time_s or time")
     two.add_argument("--period-s", type=float, help="time between frames, if there is no such file")
     two.add_argument("--start", metavar="UTC", help="time of the first frame, with --period-s")
-    two.add_argument("--spots", metavar="X,Y", nargs="+", help="spot positions in the first frame; default found")
+    two.add_argument(
+        "--spots", metavar="X,Y ...", help='spot positions in the first frame, "690,539 1230,539"; default found'
+    )
     two.add_argument("--n-spots", type=int, help="how many spots to find; default all that stand out")
     two.add_argument("--method", default="eiwa", choices=["eiwa", "grey"], help="centroid (%(default)s)")
     two.add_argument("--window", type=int, help="window side in pixels, odd; default 6 sigma of the spot")
@@ -225,7 +227,9 @@ def _ledger(options: argparse.Namespace) -> int:
         raise ValueError(f"--paper must be one of liu2026, lyu2015, ren2023, got {options.paper!r}")
     for row in rows:
         claimed = f"{row['relation']} {row['claimed']} {row['unit']}".strip()
-        ours = f"ours {row['ours']}" if row["ours"] else ""
+        ours = (
+            f"ours {row['ours']}" if row["ours"] else "accepted, not run here" * row["evidence"].startswith("accepted")
+        )
         print(f"{row['id']:<12} {row['verdict']:<12} {claimed:<18} {ours:<20} {row['quantity']}")
     return 0
 
@@ -237,13 +241,15 @@ def _columns(pairs: list[str]) -> dict[str, str]:
     return dict(pair.split("=", 1) for pair in pairs)
 
 
-def _spots(texts: list[str] | None) -> list[list[float]] | None:
-    if texts is None:
+def _spots(text: str | None) -> list[list[float]] | None:
+    if text is None:
         return None
     try:
-        return [[float(x), float(y)] for x, y in (text.split(",") for text in texts)]
+        return [[float(x), float(y)] for x, y in (pair.split(",") for pair in text.split())]
     except ValueError:
-        raise ValueError(f"--spots must be X,Y pairs in pixels, e.g. 690.3,539.1, got {' '.join(texts)!r}") from None
+        raise ValueError(
+            f'--spots must be X,Y pairs in pixels, e.g. "690.3,539.1 1229.8,538.6", got {text!r}'
+        ) from None
 
 
 def _whole(name: str, text: str) -> int:

@@ -41,6 +41,8 @@ def from_table(kind: type[T], table: dict[str, Any], *, where: str, ignore: Iter
     ValueError
         If a key is missing or unknown, or a value does not fit.
     """
+    if not isinstance(table, dict):
+        raise ValueError(f"{where} must be a table of keys and values, got {table!r}")
     known = {f.name: f for f in fields(kind)}  # type: ignore[arg-type]
     given = {key: value for key, value in table.items() if key not in set(ignore)}
     unknown = sorted(set(given) - set(known))

@@ -45,14 +45,13 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def free_folder(out: str | Path, *, force: bool) -> Path:
-    """Return ``out`` as a folder to write to, made if need be; ``FileExistsError`` if it holds anything, unless forced.
+    """Return ``out`` as a folder to write to; ``FileExistsError`` if it holds anything, unless forced.
 
-    Forcing replaces the files that are written, one by one; nothing else in the folder is touched.
+    The folder is made with its first file. Forcing replaces the files that are written, one by one; nothing else in the folder is touched.
     """
     folder = Path(out)
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder} must be a folder, but is a file")
     if folder.is_dir() and any(folder.iterdir()) and not force:
         raise FileExistsError(f"{folder} is not empty: choose another folder, or overwrite with --force")
-    folder.mkdir(parents=True, exist_ok=True)
     return folder

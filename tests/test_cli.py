@@ -75,7 +75,7 @@ def test_a_pair_s_telemetry_is_simulated_and_corrected(tmp_path, capsys):
     ("more", "message"),
     [
         (["--reference", "some"], "--reference must be 'first' or a whole number, got 'some'"),
-        (["--spots", "1;2"], "--spots must be X,Y pairs in pixels, e.g. 690.3,539.1, got '1;2'"),
+        (["--spots", "1;2"], "--spots must be X,Y pairs in pixels, e.g. \"690.3,539.1 1229.8,538.6\", got '1;2'"),
         (["--column", "T1"], "--column must be STANDARD=OWN, e.g. temperature_degC=T1, got 'T1'"),
         (["--column", "temperature_degC=T1"], "temperature.csv has no column 'T1' for temperature_degC"),
         (["--window", "12"], "window must be odd"),

@@ -184,6 +184,7 @@ def centroid(
         gate=boolean("hot_pixel_gate", hot_pixel_gate),
         noise=noise,
         full_scale=_full_scale(stack, noise, full_scale_dn),
+        rounding=1.0 / 12.0 if stack.dtype.kind in "ui" else 0.0,
     )
     at = peak_pixels(stack, places, max(2, side // 4)) if first == "peak" else places
     result = _all_missing(places.shape[:2], side)
@@ -266,6 +267,7 @@ def window_path(
         gate=False,
         noise=None,
         full_scale=np.inf,
+        rounding=0.0,
     )
     frame, _, middle = in_frame(stack, place)
     if len(frame) != 1 or len(stack) != 1:

@@ -64,7 +64,7 @@ class Detector:
     hot_pixels: tuple[tuple[int, int, float], ...] = ()
 
     def __post_init__(self) -> None:
-        positive("gain_e_per_dn", self.gain_e_per_dn)
+        positive("gain_e_per_dn", number("gain_e_per_dn", self.gain_e_per_dn))
         number("read_noise_e", self.read_noise_e, low=0)
         number("offset_dn", self.offset_dn, low=0)
         if not self.full_well_e > 0:

@@ -51,6 +51,7 @@ class Choices:
     gate: bool
     noise: Detector | None
     full_scale: float
+    rounding: float  # variance of a reading's rounding, DN squared
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,7 @@ def _errors(
 ) -> tuple[Floats, Floats]:
     """Predicted errors of the centroid (M, 2) and of the flux (M,)."""
     if how.noise is None:
-        floor, per_dn = stamps.plane.scatter**2, 0.0
+        floor, per_dn = np.maximum(stamps.plane.scatter**2, how.rounding), 0.0
     else:
         floor, per_dn = how.noise.variance_dn(level), 1.0 / how.noise.gain_e_per_dn
     total_variance, moment_variance = spread(stamps.signal, centre, how.window, floor, per_dn)

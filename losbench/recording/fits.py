@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.imaging.detector import Detector
-from losbench.recording.readers import Stamp, UnreadableFrame, as_frame
-from losbench.recording.times import FrameTimes
+from losbench.recording.stamps import Stamp, UnreadableFrame, as_frame
+from losbench.recording.times import FrameTimes, times_from_utc
 
-__all__ = ["open_fits", "open_pixel_files"]
-
+__all__ = ["Contents", "open_fits", "open_pixel_files"]
 
 _MARGIN = 6  # pixels around a stamp, enough for a window and its background ring
 
@@ -30,23 +29,62 @@ class Contents:
     detector: Detector | None = None
 
 
-def open_fits(path: Path) -> Contents:
-    """Open one FITS file: a target pixel file, or the first image or cube in it."""
-    with _hdus(path) as hdus:
+def open_fits(paths: list[Path]) -> Contents:
+    """Open target pixel files, a folder of images with one frame each, or the first image or cube of one file."""
+    with _hdus(paths[0]) as hdus:
         if any("FLUX" in _columns(hdu) for hdu in hdus):
-            is_pixel_file = True
-        else:
-            is_pixel_file = False
-            images = [hdu for hdu in hdus if hdu.is_image and hdu.data is not None]
-            if not images:
-                raise ValueError(f"{path.name} holds neither an image nor a FLUX column")
-            cube = np.array(images[0].data)
-    if is_pixel_file:
-        return open_pixel_files([path])
-    cube = cube[None] if cube.ndim == 2 else cube
-    if cube.ndim != 3:
-        raise ValueError(f"{path.name} must hold a stack (frames, rows, cols), got shape {cube.shape}")
-    return Contents(len(cube), (Stamp("frame", cube.shape[1:], (0.0, 0.0), _loader(cube, path.name)),))
+            return open_pixel_files(paths)
+        images = [i for i, hdu in enumerate(hdus) if hdu.is_image and hdu.header.get("NAXIS", 0) >= 2]
+        if not images:
+            raise ValueError(f"{paths[0].name} holds neither an image nor a FLUX column")
+        which, header = images[0], hdus[images[0]].header.copy()
+        shape: tuple[int, ...] = hdus[which].shape
+    if len(shape) == 2:
+        return _one_image_each(paths, which, (shape[0], shape[1]))
+    if len(shape) != 3 or len(paths) > 1:
+        raise ValueError(
+            f"{paths[0].name} must hold one frame of a folder, or a stack (frames, rows, cols), got {shape}"
+        )
+    stamp = Stamp(
+        "frame", shape[1:], (0.0, 0.0), lambda k: _section(paths[0], which, k, f"frame {k} of {paths[0].name}")
+    )
+    return Contents(shape[0], (stamp,), _axis_times(header, shape[0]))
+
+
+def _one_image_each(paths: list[Path], which: int, shape: tuple[int, int]) -> Contents:
+    def load(k: int) -> NDArray[Any]:
+        frame = _section(paths[k], which, None, paths[k].name)
+        if frame.shape != shape:
+            raise UnreadableFrame(
+                f"all frames must be {shape} as {paths[0].name}, but {paths[k].name} is {frame.shape}"
+            )
+        return frame
+
+    dates: list[str] = []
+    for path in paths:
+        with _hdus(path) as hdus:
+            dates += [hdus[which].header["DATE-OBS"]] if "DATE-OBS" in hdus[which].header else []
+    times = times_from_utc(dates, f"DATE-OBS of {paths[0].parent.name}") if len(dates) == len(paths) else None
+    return Contents(len(paths), (Stamp("frame", shape, (0.0, 0.0), load),), times)
+
+
+def _section(path: Path, which: int, k: int | None, name: str) -> NDArray[Any]:
+    """Read one frame and no more."""
+    with _hdus(path) as hdus:
+        try:
+            section = hdus[which].section
+            frame = np.array(section[:, :] if k is None else section[k])
+        except (OSError, ValueError, IndexError, TypeError) as error:
+            raise UnreadableFrame(f"{name} cannot be read: {error}") from None
+    return as_frame(frame.astype(frame.dtype.newbyteorder("="), copy=False), name)
+
+
+def _axis_times(header: Any, n_frames: int) -> FrameTimes | None:
+    """Return the times of a cube whose third axis is time in seconds."""
+    if str(header.get("CTYPE3", "")).strip().upper() != "TIME" or header.get("CUNIT3", "s").strip() != "s":
+        return None
+    steps = np.arange(n_frames) + 1.0 - header.get("CRPIX3", 1.0)
+    return FrameTimes(header.get("CRVAL3", 0.0) + steps * header.get("CDELT3", 1.0))
 
 
 def open_pixel_files(paths: list[Path]) -> Contents:

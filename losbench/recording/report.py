@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["write_report"]
 
 _AXES = {"alpha": "X", "beta": "Y", "gamma": "Z"}
+_WRITTEN = ("measurement.csv", "report.json", "shifts.png", "angles.png", "angles-over-temperature.png")
 _FEWEST = 10  # frames with a temperature, for a sensitivity
 _SMALLEST_RANGE_DEGC = 0.5
 
@@ -40,8 +41,13 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
         The report's lines, for the terminal.
     """
     table = measurement.table
+    lines = [
+        f"{len(table)} frames, {len(measurement.reference_px)} spots: {recording.source.resolve().name}",
+        *measurement.notes,
+    ]
+    for name in _WRITTEN:
+        (folder / name).unlink(missing_ok=True)
     write_whole(folder / "measurement.csv", table.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
-    lines = [f"{len(table)} frames, {len(measurement.reference_px)} spots: {recording.source.name}", *measurement.notes]
     pictures = {"shifts.png": _shifts(measurement)}
     if measurement.attitude is not None:
         pictures["angles.png"] = _angles(measurement)
@@ -53,7 +59,7 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
         _save(figure, folder / name)
     report = {
         "losbench": __version__,
-        "source": recording.source.name,
+        "source": recording.source.resolve().name,
         "reference_px": measurement.reference_px.round(4).tolist(),
         "notes": list(measurement.notes),
         "sensitivity_arcsec_per_degC": None if sensitivity is None else sensitivity.k_arcsec_per_degC.round(6).tolist(),

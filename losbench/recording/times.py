@@ -80,16 +80,33 @@ class TemperatureLog:
                 f"the frames from {np.nanmin(want):g} to {np.nanmax(want):g} s"
             )
         limit = 10.0 * float(np.median(np.diff(t))) if max_gap_s is None else max_gap_s
-        after = np.clip(np.searchsorted(t, np.where(inside, want, t[0])), 1, len(t) - 1)
-        known = inside & ((t[after] - t[after - 1] <= limit) | np.isin(want, t))
-        columns = [np.interp(want, t, column) for column in self.celsius.T]
-        return np.where(known[:, None], np.stack(columns, axis=-1), np.nan)
+        return np.stack([_interpolated(want, t, column, limit) for column in self.celsius.T], axis=-1)
+
+
+def _interpolated(
+    want: NDArray[np.float64], t: NDArray[np.float64], celsius: NDArray[np.float64], limit: float
+) -> NDArray[np.float64]:
+    """Interpolate one sensor over its own readings; NaN outside them and in gaps longer than ``limit``."""
+    there = np.isfinite(celsius)
+    t, celsius = t[there], celsius[there]
+    inside = (want >= t[0]) & (want <= t[-1])
+    after = np.clip(np.searchsorted(t, np.where(inside, want, t[0])), 1, len(t) - 1)
+    known = inside & ((t[after] - t[after - 1] <= limit) | np.isin(want, t))
+    return np.where(known, np.interp(want, t, celsius), np.nan)
+
+
+def times_from_utc(texts: list[str], name: str) -> FrameTimes:
+    """Return the frames' times from ISO 8601 texts."""
+    utc = utc_times(name, texts)
+    return FrameTimes((utc - utc[0]) / np.timedelta64(1, "ns") * 1e-9, utc[0])
 
 
 def read_times(
     path: str | Path | None, n_frames: int, *, period_s: float | None = None, start: str | None = None
 ) -> FrameTimes | None:
     """Return the frames' times from a CSV file or a constant period; None if neither is given."""
+    if start is not None and (path is not None or period_s is None):
+        raise ValueError("start goes with period_s: without a period, or with a file of times, it says nothing")
     if path is None:
         if period_s is None:
             return None
@@ -100,6 +117,8 @@ def read_times(
     times = _time_columns(table, Path(path).name, {})
     if len(times.seconds) != n_frames:
         raise ValueError(f"{Path(path).name} must have one row for each of {n_frames} frames, got {len(times.seconds)}")
+    if (np.diff(times.seconds[np.isfinite(times.seconds)]) <= 0).any():
+        raise ValueError(f"{Path(path).name} must hold increasing times, one for each frame in order")
     return times
 
 
@@ -117,7 +136,8 @@ def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None 
     Returns
     -------
     TemperatureLog
-        Sorted by time; rows with a missing time or temperature left out, of equal times the first kept.
+        Sorted by time; of equal times the first kept; sensors with fewer than two readings left out. A missing reading
+        is NaN.
 
     Raises
     ------
@@ -136,12 +156,13 @@ def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None 
         )
     times = _time_columns(table, name, mapping)
     celsius = np.stack([numbers(table, c, name) for c in names], axis=-1)
-    keep = np.isfinite(times.seconds) & np.isfinite(celsius).all(axis=-1)
-    order = np.unique(times.seconds[keep], return_index=True)[1]
-    if len(order) < 2:
-        raise ValueError(f"{name} must hold at least two readings at different times, got {len(order)}")
-    kept = np.flatnonzero(keep)[order]
-    return TemperatureLog(FrameTimes(times.seconds[kept], times.start), celsius[kept], tuple(names))
+    keep = np.flatnonzero(np.isfinite(times.seconds) & np.isfinite(celsius).any(axis=-1))
+    kept = keep[np.unique(times.seconds[keep], return_index=True)[1]]
+    alive = np.isfinite(celsius[kept]).sum(axis=0) >= 2
+    if not alive.any():
+        raise ValueError(f"{name} must hold at least two readings at different times, got {len(kept)}")
+    seconds = FrameTimes(times.seconds[kept], times.start)
+    return TemperatureLog(seconds, celsius[kept][:, alive], tuple(np.array(names)[alive].tolist()))
 
 
 def _time_columns(table: pd.DataFrame, name: str, mapping: Mapping[str, str]) -> FrameTimes:
@@ -162,7 +183,7 @@ def utc_times(name: str, texts: list[str]) -> NDArray[np.datetime64]:
     try:
         stamps = pd.to_datetime(pd.Series(texts, dtype="str"), utc=True, format="ISO8601")
     except (ValueError, TypeError) as error:
-        raise ValueError(f"{name} must be {_UTC_HINT}, got: {str(error).splitlines()[0]}") from None
+        raise ValueError(f"{name} must be {_UTC_HINT}, got: {str(error).splitlines()[0].split('. You')[0]}") from None
     return stamps.dt.tz_localize(None).to_numpy().astype("datetime64[ns]")
 
 

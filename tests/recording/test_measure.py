@@ -12,8 +12,9 @@ import losbench as lb
 from losbench.imaging.centroid import SpotFlag
 from losbench.papers.liu2026.bench import ThermalBench
 from losbench.papers.liu2026.recording import write_recording
-from losbench.recording.readers import Recording, Stamp, UnreadableFrame
+from losbench.recording.readers import Recording
 from losbench.recording.report import write_report
+from losbench.recording.stamps import Stamp, UnreadableFrame
 from losbench.recording.times import FrameTimes, TemperatureLog, read_temperature_log
 from losbench.units import rad_to_arcsec
 
@@ -101,6 +102,45 @@ def test_with_two_spots_a_lost_one_costs_the_angles_of_its_frames():
     assert any("Two spots cannot tell which of them is bad" in note for note in measured.notes)
 
 
+def moving(speed_px, n=60, seed=6):
+    path = np.arange(n)[:, None, None] * np.array([speed_px, 0.0])
+    electrons = lb.render_spots(SPOTS[[0, 3]] + path, 2e5, 2.0, CAMERA.shape) + 40.0
+    return DETECTOR.expose(electrons, seed), SPOTS[[0, 3]] + path
+
+
+@pytest.mark.parametrize("speed_px", [0.0, 0.4, 1.5])
+def test_moving_spots_are_followed_whatever_the_block(speed_px):
+    frames, truth = moving(speed_px)
+    measured = lb.measure(in_memory(frames), detector=DETECTOR, n_spots=2)
+    order = np.argsort(measured.reference_px[:, 1])
+    np.testing.assert_allclose(measured.xy_px[:, order], truth, atol=0.06)
+
+
+def test_a_spot_that_is_gone_for_good_does_not_drag_the_other_along():
+    frames, truth = moving(0.4, n=100)
+    frames[34:, 60:] = DETECTOR.expose(np.full(frames[34:, 60:].shape, 40.0), 9)
+    measured = lb.measure(in_memory(frames), detector=DETECTOR, spots=truth[0])
+    np.testing.assert_allclose(measured.xy_px[:, 0], truth[:, 0], atol=0.06)
+    assert np.isnan(measured.xy_px[34:, 1]).all()
+
+
+def test_eight_bit_frames_give_angles_with_errors_that_hold():
+    electrons = np.broadcast_to(lb.render_spots(SPOTS, 2e4, 2.0, CAMERA.shape) + 40.0, (40, *CAMERA.shape))
+    sensor = lb.Detector(gain_e_per_dn=6.0, read_noise_e=1.0, offset_dn=5.0, bits=8)
+    frames = sensor.expose(electrons, 4).astype(np.uint8)
+    measured = lb.measure(in_memory(frames), CAMERA, detector=sensor)
+    pull = (measured.xy_px - measured.xy_px.mean(axis=0)) / measured.sigma_xy_px
+    assert 0.7 < np.mean(pull**2) < 1.4
+    bare = lb.measure(in_memory(frames), CAMERA)
+    assert np.isfinite(bare.attitude.angles).all()
+    assert any(note.startswith("No detector was given") for note in bare.notes)
+
+
+def test_frames_of_another_shape_than_the_camera_are_refused():
+    with pytest.raises(ValueError, match=r"camera must have the shape of the frames, \(100, 150\), got \(1080, 1920\)"):
+        lb.measure(in_memory(frames_of(SPOTS)), lb.Camera(260.0, 10.0, (1080, 1920)))
+
+
 def test_a_saturated_spot_is_flagged():
     electrons = lb.render_spots(SPOTS[None, :2], [2e5, 3e6], 2.0, CAMERA.shape) + 40.0
     clipped = replace(DETECTOR, bits=12).expose(electrons, 1)
@@ -121,7 +161,9 @@ def test_unreadable_frames_leave_a_gap(tmp_path):
     for k in (0, 5):
         (tmp_path / f"{k:02d}.tif").write_bytes(b"not a TIFF")
     with pytest.raises(UnreadableFrame, match=r"00.tif cannot be read"):
-        lb.read_recording(tmp_path, on_unreadable="skip")
+        lb.read_recording(tmp_path)
+    with pytest.raises(ValueError, match=r"is in none of 1"):
+        lb.measure(lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR)
     cv2.imwrite(str(tmp_path / "00.tif"), frames_of(SPOTS)[0])
     measured = lb.measure(lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR)
     assert np.flatnonzero(np.isnan(measured.xy_px).any(axis=(1, 2))).tolist() == [5]

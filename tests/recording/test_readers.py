@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.recording.readers import UnreadableFrame
+from losbench.recording.stamps import UnreadableFrame
 
 FRAMES = np.random.default_rng(7).integers(0, 60_000, (12, 20, 30)).astype(np.uint16)
 
@@ -106,3 +106,50 @@ def test_what_is_no_recording_is_refused_by_name(tmp_path):
         lb.read_recording(tmp_path / "flat.npy", on_unreadable="ask")
     with pytest.raises(ValueError, match=r"period_s must be positive, got -5"):
         lb.read_recording(images(tmp_path / "frames", FRAMES[:1]), period_s=-5.0)
+
+
+def test_a_multi_page_tiff_cut_in_half_is_named_or_ends_early(tmp_path):
+    path = tmp_path / "pages.tif"
+    cv2.imwritemulti(str(path), list(FRAMES))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(UnreadableFrame, match=r"pages.tif is cut short after page \d"):
+        lb.read_recording(path)
+    kept = lb.read_recording(path, on_unreadable="skip").n_frames
+    assert 0 < kept < len(FRAMES)
+
+
+def test_a_bad_first_frame_can_be_skipped(tmp_path):
+    folder = images(tmp_path / "frames", FRAMES)
+    (folder / "frame-0.tif").write_bytes(b"no image")
+    _, good = every_frame(lb.read_recording(folder, on_unreadable="skip"))
+    assert np.flatnonzero(~good).tolist() == [0]
+
+
+def test_a_folder_of_fits_images_has_their_times(tmp_path):
+    fits = pytest.importorskip("astropy.io.fits")
+    for k, frame in enumerate(FRAMES[:3]):
+        hdu = fits.PrimaryHDU(frame)
+        hdu.header["DATE-OBS"] = f"2026-03-01T12:00:{5 * k:02d}"
+        hdu.writeto(tmp_path / f"{k}.fits")
+    recording = lb.read_recording(tmp_path)
+    np.testing.assert_array_equal(every_frame(recording)[0], FRAMES[:3])
+    assert recording.times.seconds.tolist() == [0, 5, 10]
+    with pytest.raises(ValueError, match="holds its frames' times: leave out times, period_s and start"):
+        lb.read_recording(tmp_path, period_s=1.0)
+
+
+def test_a_fits_cube_may_tell_its_times(tmp_path):
+    fits = pytest.importorskip("astropy.io.fits")
+    hdu = fits.PrimaryHDU(FRAMES[:4])
+    hdu.header.update({"CTYPE3": "TIME", "CRVAL3": 100.0, "CDELT3": 2.0, "CRPIX3": 1.0})
+    hdu.writeto(tmp_path / "cube.fits")
+    assert lb.read_recording(tmp_path / "cube.fits").times.seconds.tolist() == [100, 102, 104, 106]
+
+
+def test_options_that_say_nothing_are_refused(tmp_path):
+    np.save(tmp_path / "stack.npy", FRAMES)
+    with pytest.raises(ValueError, match="start goes with period_s"):
+        lb.read_recording(tmp_path / "stack.npy", start="2026-03-01T12:00:00Z")
+    with pytest.raises(ValueError, match="times and period_s exclude each other"):
+        lb.read_recording(tmp_path / "stack.npy", period_s=1.0, times="times.csv")

@@ -97,3 +97,15 @@ def test_frame_times_come_from_a_file_or_a_period(tmp_path):
         read_times(None, 3, period_s=5.0, start="noon")
     with pytest.raises(FileNotFoundError, match="no CSV file at"):
         read_times(tmp_path / "nowhere.csv", 3)
+
+
+def test_a_dead_sensor_is_left_out_and_a_sparse_one_interpolated(tmp_path):
+    text = "time_s,temperature_a_degC,temperature_b_degC,temperature_c_degC\n0,18,,20\n10,19,,\n20,20,,22\n"
+    log = read_temperature_log(written(tmp_path, text))
+    assert log.names == ("temperature_a_degC", "temperature_c_degC")
+    np.testing.assert_array_equal(log.at(FrameTimes(np.array([10.0])), max_gap_s=60.0), [[19.0, 21.0]])
+
+
+def test_frame_times_must_increase(tmp_path):
+    with pytest.raises(ValueError, match="times.csv must hold increasing times"):
+        read_times(written(tmp_path, "time_s\n0\n5\n5\n", "times.csv"), 3)

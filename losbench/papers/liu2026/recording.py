@@ -67,6 +67,7 @@ def write_recording(
 
     setting = bench or ThermalBench()
     integer("n_frames", n_frames, low=2)
+    integer("seed", seed, low=0)
     folder = free_folder(out, force=force)
     run = warm_up(setting, time_s=np.linspace(0.0, setting.duration_s, n_frames))
     frames = folder / "frames"
