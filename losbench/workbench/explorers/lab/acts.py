@@ -1,0 +1,115 @@
+"""Scene 8: an MM-estimate in three acts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from losbench.estimation.highbreakdown import mm
+from losbench.figures import COLOURS
+from losbench.workbench.explorers.base import Explorer
+from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
+from losbench.workbench.explorers.lab.sample import HEAD, design, line
+
+__all__ = ["MMActs"]
+
+Floats = NDArray[np.float64]
+
+_COUNT = 20
+_S_EFFICIENCY = 0.2868  # of the bisquare whose scale survives one half, c = 1.5476
+_ENDS = np.array([-1.0, 20.0])
+
+
+class MMActs(Explorer):
+    """Act 1: the line of least scale among those through two points. Act 2: freeze it. Act 3: the efficient step."""
+
+    controls: ClassVar[dict[str, Control]] = {
+        "act": Slider("act", 1, 1, 3, 1),
+        "bad": Slider("bad points", 7, 0, 10, 1),
+        "seed": Field("seed", 0, whole_number),
+    }
+    presets: ClassVar[dict[str, dict[str, Any]]] = {"act 2": {"act": 2}, "act 3": {"act": 3}}
+    size_in = (8.4, 3.8)
+
+    def build(self, figure: Figure) -> Sequence[Artist]:
+        """Draw data, candidates, the chosen line with its band, and the weights."""
+        left, right = figure.subplots(1, 2)
+        self._candidates = LineCollection([], colors=COLOURS["sky"], linewidths=0.5, alpha=0.5)
+        left.add_collection(self._candidates)
+        self._band = PolyCollection([], facecolors=COLOURS["green"], alpha=0.2)
+        left.add_collection(self._band)
+        (self._points,) = left.plot([], [], "o", ms=4, color=COLOURS["black"])
+        (self._bad,) = left.plot([], [], "x", ms=7, mew=1.6, color=COLOURS["vermilion"])
+        (self._line,) = left.plot([], [], color=COLOURS["green"], lw=2.2)
+        left.set(xlim=(-1, 20), ylim=(-6, 24), xlabel="x", ylabel="y")
+        left.set_title("1 candidates  2 frozen scale  3 last step", fontsize=10)
+        (self._curve,) = right.plot([], [], color=COLOURS["black"], lw=1.0)
+        (self._good_weights,) = right.plot([], [], "o", ms=5, color=COLOURS["blue"], label="good")
+        (self._bad_weights,) = right.plot([], [], "x", ms=7, mew=1.6, color=COLOURS["vermilion"], label="bad")
+        right.set(xlim=(-12, 12), ylim=(-0.03, 1.05), xlabel="residual / scale", title="weights")
+        right.legend(fontsize=8, loc="upper right")
+        return [
+            self._candidates,
+            self._band,
+            self._points,
+            self._bad,
+            self._line,
+            self._curve,
+            self._good_weights,
+            self._bad_weights,
+        ]
+
+    def update(self, *, act: int, bad: int, seed: int) -> Mapping[str, str]:
+        """Play as far as this act."""
+        x, y, lifted = _data(bad, seed)
+        fit = mm(design(x), y, efficiency=0.95 if act == 3 else _S_EFFICIENCY, on_fail="ignore")
+        pairs = np.array(list(combinations(range(_COUNT), 2)))
+        slope = np.diff(y[pairs], axis=1)[:, 0] / np.diff(x[pairs], axis=1)[:, 0]
+        heights = y[pairs[:, :1]] + slope[:, None] * (_ENDS - x[pairs[:, :1]])
+        through = np.stack([np.broadcast_to(_ENDS, heights.shape), heights], axis=-1)
+        self._candidates.set_segments(list(through) if act == 1 else [])
+        middle = fit.x[0] + fit.x[1] * _ENDS
+        edge = 2.5 * fit.scale
+        corners = np.column_stack([[*_ENDS, *_ENDS[::-1]], [*(middle - edge), *(middle + edge)[::-1]]])
+        self._band.set_verts([corners] if act > 1 else [])
+        self._points.set_data(x[~lifted], y[~lifted])
+        self._bad.set_data(x[lifted], y[lifted])
+        self._line.set_data(_ENDS, middle)
+        u = np.linspace(-12.0, 12.0, 241)
+        c = 4.685 if act == 3 else 1.5476
+        self._curve.set_data(u, np.maximum(1.0 - (u / c) ** 2, 0.0) ** 2)
+        scaled = np.clip(fit.residuals / fit.scale, -11.8, 11.8)
+        self._good_weights.set_data(scaled[~lifted], fit.weights[~lifted])
+        self._bad_weights.set_data(scaled[lifted], fit.weights[lifted])
+        return {
+            "scale, frozen since act 1": f"{fit.scale:.4f}",
+            "slope": f"{fit.x[1]:.4f} ± {fit.std_error[1]:.4f}",
+            "weight of all good points": f"{fit.weights[~lifted].mean():.3f} on average",
+            "efficiency of this act": "95 %" if act == 3 else "29 %",
+        }
+
+    def code(self, *, act: int, bad: int, seed: int) -> str:
+        """Return the fit of this act; one of 28.7 % is the S-estimate itself."""
+        return HEAD.format(seed=seed, count=_COUNT) + (
+            f"y[{_COUNT - bad}:] = 2.0 + {0.3} * rng.standard_normal({bad})\n"
+            "A = np.column_stack([np.ones_like(x), x])\n"
+            f"fit = lb.mm(A, y, efficiency={0.95 if act == 3 else _S_EFFICIENCY}, on_fail='ignore')\n"
+            "print(fit.x[1], fit.scale)"
+        )
+
+
+def _data(bad: int, seed: int) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Points of the line, the last ones of which lie on a level of their own."""
+    x, y = line(_COUNT, seed)
+    lifted = np.arange(_COUNT) >= _COUNT - bad
+    rng = np.random.default_rng(seed)
+    rng.standard_normal(_COUNT)
+    y[lifted] = 2.0 + 0.3 * rng.standard_normal(bad)
+    return x, y, lifted

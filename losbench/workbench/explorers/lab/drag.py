@@ -1,0 +1,75 @@
+"""Scene 1: drag a point, and see which line follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+
+from losbench.figures import COLOURS
+from losbench.workbench.explorers.base import Explorer
+from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
+from losbench.workbench.explorers.lab.sample import HEAD, all_fits, design, line, lines
+
+__all__ = ["DragPoint"]
+
+_COUNT = 12
+_METHODS = ("least squares", "Huber", "MM")
+_HEIGHTS = np.linspace(-25.0, 25.0, 51)
+
+
+class DragPoint(Explorer):
+    """Eleven points on a line and one that can be dragged: three fits, and what each makes of every height."""
+
+    controls: ClassVar[dict[str, Control]] = {
+        "height": Slider("height of the point", 16.0, -25.0, 25.0, 0.5),
+        "place": Slider("its place along x", 9.0, 0.0, 20.0, 0.5),
+        "seed": Field("seed", 0, whole_number),
+    }
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "on the line": {"height": 5.5, "place": 9.0},
+        "in the middle": {"place": 5.5},
+    }
+
+    def build(self, figure: Figure) -> Sequence[Artist]:
+        """Draw the points with their lines, and the slope over the height of the point."""
+        left, right = figure.subplots(1, 2)
+        (self._points,) = left.plot([], [], "o", ms=4, color=COLOURS["black"])
+        (self._point,) = left.plot([], [], "o", ms=9, color=COLOURS["vermilion"])
+        self._lines = lines(left, _METHODS)
+        left.set(xlim=(-1, 21), ylim=(-26, 26), xlabel="x", ylabel="y", title="drag the red point")
+        left.legend(fontsize=8, loc="lower left")
+        self._curves = lines(right, _METHODS, label=False)
+        self._here = right.axvline(0.0, color=COLOURS["vermilion"], lw=1.0)
+        right.axhline(0.5, color=COLOURS["black"], lw=0.7)
+        right.set(xlim=(-25, 25), ylim=(-1.5, 2.5), xlabel="height of the point", title="slope (truth 0.5)")
+        return [self._points, *self._lines.values(), self._point, *self._curves.values(), self._here]
+
+    def update(self, *, height: float, place: float, seed: int) -> Mapping[str, str]:
+        """Fit with the point at every height, and at this one."""
+        x, y = line(_COUNT, seed)
+        x[-1], y[-1] = place, height
+        every = np.repeat(y[None], len(_HEIGHTS) + 1, axis=0)
+        every[:-1, -1] = _HEIGHTS
+        fits = all_fits(design(x), every, _METHODS)
+        self._points.set_data(x[:-1], y[:-1])
+        self._point.set_data(x[-1:], y[-1:])
+        ends = np.array([-1.0, 21.0])
+        for name, fit in fits.items():
+            self._lines[name].set_data(ends, fit.x[-1, 0] + fit.x[-1, 1] * ends)
+            self._curves[name].set_data(_HEIGHTS, fit.x[:-1, 1])
+        self._here.set_xdata([height] * 2)
+        texts = {f"slope, {name}": f"{fit.x[-1, 1]:.3f}" for name, fit in fits.items()}
+        return texts | {f"its weight, {name}": f"{fits[name].weights[-1, -1]:.3f}" for name in _METHODS[1:]}
+
+    def code(self, *, height: float, place: float, seed: int) -> str:
+        """Return the three fits."""
+        return HEAD.format(seed=seed, count=_COUNT) + (
+            f"x[-1], y[-1] = {place}, {height}\n"
+            "A = np.column_stack([np.ones_like(x), x])\n"
+            "fit = lb.mm(A, y)\n"
+            "print(lb.lstsq(A, y).x[1], lb.irls(A, y, max_iter=300).x[1], fit.x[1])"
+        )

@@ -1,0 +1,104 @@
+"""Scene 9: your own layout of spots, and how many bad ones it survives before any is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from losbench.estimation.breakdown import design_breakdown
+from losbench.figures import COLOURS
+from losbench.workbench.explorers.base import Explorer
+from losbench.workbench.explorers.controls import Control, Slider
+
+__all__ = ["YourLayout", "ring", "rows"]
+
+Floats = NDArray[np.float64]
+
+_MOST = 14
+
+
+class YourLayout(Explorer):
+    """Spots on an arc, one of them pulled away: the turn that the worst bad spots could fake, and their share."""
+
+    controls: ClassVar[dict[str, Control]] = {
+        "spots": Slider("spots", 8, 2, _MOST, 1),
+        "arc_deg": Slider("arc that they fill", 360, 20, 360, 10, "°"),
+        "away": Slider("first spot away from the centre", 1.0, 0.0, 5.0, 0.1, "radii"),
+    }
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "two spots": {"spots": 2, "arc_deg": 360, "away": 1.0},
+        "half a ring": {"arc_deg": 180},
+        "one far away": {"away": 5.0},
+    }
+
+    def build(self, figure: Figure) -> Sequence[Artist]:
+        """Draw the layout, and the share of the worst k spots."""
+        left, right = figure.subplots(1, 2)
+        (self._spots,) = left.plot([], [], "o", ms=8, color=COLOURS["blue"])
+        (self._worst,) = left.plot([], [], "o", ms=15, mfc="none", mew=1.8, color=COLOURS["vermilion"])
+        (self._pivot,) = left.plot([], [], "+", ms=14, mew=1.8, color=COLOURS["black"])
+        left.set(xlim=(-2.2, 5.5), ylim=(-2.6, 2.6), aspect="equal", xlabel="u (radii)", ylabel="v (radii)")
+        left.set_title("○ too many bad ones  + the turn they fake", fontsize=10)
+        (self._shares,) = right.plot([], [], "o-", color=COLOURS["blue"], ms=5)
+        right.axhline(0.5, color=COLOURS["vermilion"], lw=1.2, ls="--")
+        right.set(xlim=(-0.3, 7.3), ylim=(0.0, 1.02), xlabel="bad spots k", title="largest share of k spots in a pull")
+        return [self._spots, self._worst, self._pivot, self._shares]
+
+    def update(self, *, spots: int, arc_deg: int, away: float) -> Mapping[str, str]:
+        """Find the breakdown of the layout."""
+        u, v = _arc(spots, arc_deg, away)
+        found = design_breakdown(rows(u, v), group=np.repeat(np.arange(spots), 2))
+        a, b, turn = found.direction
+        pull = np.hypot(a - turn * v, b + turn * u)
+        worst = np.argsort(-pull, kind="stable")[: found.monotone + 1]
+        self._spots.set_data(u, v)
+        self._worst.set_data(u[worst], v[worst])
+        near = abs(turn) * 4.0 > np.hypot(a, b)
+        self._pivot.set_data([-b / turn] if near else [], [a / turn] if near else [])
+        self._shares.set_data(np.arange(spots + 1), found.shares)
+        return {
+            "bad spots survived by Huber": str(found.monotone),
+            "… by LTS or MM, as by any estimate": str(found.any),
+            "equations · unknowns": f"{2 * spots} · 3",
+        }
+
+    def code(self, *, spots: int, arc_deg: int, away: float) -> str:
+        """Return the rows and the call."""
+        return f"""\
+import numpy as np
+import losbench as lb
+
+turn = np.deg2rad({arc_deg}) * np.arange({spots}) / {spots if arc_deg == 360 else max(spots - 1, 1)}
+u, v = np.cos(turn), np.sin(turn)
+u[0], v[0] = {away}, 0.0
+A = np.zeros(({spots}, 2, 3))
+A[:, 0, 0] = A[:, 1, 1] = 1.0
+A[:, 0, 2], A[:, 1, 2] = -v, u
+found = lb.design_breakdown(A.reshape(-1, 3), group=np.repeat(np.arange({spots}), 2))
+print(found.monotone, found.any)"""
+
+
+def rows(u: Floats, v: Floats) -> Floats:
+    """Rows (1, 0, -v) and (0, 1, u) of each spot (2 n, 3): shifts along both axes and a turn."""
+    A = np.zeros((len(u), 2, 3))
+    A[:, 0, 0] = A[:, 1, 1] = 1.0
+    A[:, 0, 2], A[:, 1, 2] = -v, u
+    return A.reshape(-1, 3)
+
+
+def ring(spots: int) -> tuple[Floats, NDArray[np.intp]]:
+    """Rows of spots on a unit circle, and the spot of each row."""
+    turn = 2.0 * np.pi * np.arange(spots) / spots
+    return rows(np.cos(turn), np.sin(turn)), np.repeat(np.arange(spots), 2)
+
+
+def _arc(spots: int, arc_deg: int, away: float) -> tuple[Floats, Floats]:
+    turn = np.deg2rad(arc_deg) * np.arange(spots) / (spots if arc_deg == 360 else max(spots - 1, 1))
+    u, v = np.cos(turn), np.sin(turn)
+    u[0], v[0] = away, 0.0
+    return u, v

@@ -1,0 +1,84 @@
+"""Scene 2: loss, pull and weight, and what their constant costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from losbench.estimation.influence import efficiency, gross_error_sensitivity
+from losbench.estimation.losses import Bisquare, Cauchy, Hampel, Huber, Welsch
+from losbench.figures import COLOURS
+from losbench.workbench.explorers.base import Explorer
+from losbench.workbench.explorers.controls import Choice, Control, Slider
+
+__all__ = ["LossShapes"]
+
+_LOSSES: dict[str, Any] = {loss.__name__: loss() for loss in (Huber, Bisquare, Cauchy, Welsch, Hampel)}
+_U = np.linspace(-8.0, 8.0, 321)
+_FACTORS = np.linspace(0.2, 2.0, 37)
+
+
+class LossShapes(Explorer):
+    """One of five losses: rho, psi and weight over the residual, and its efficiency over its constant."""
+
+    controls: ClassVar[dict[str, Control]] = {
+        "loss": Choice("loss", {name: name for name in _LOSSES}, "Huber"),
+        "factor": Slider("constant, in that of 95 %", 1.0, 0.2, 2.0, 0.05),
+    }
+    presets: ClassVar[dict[str, dict[str, Any]]] = {"nearly the median": {"loss": "Huber", "factor": 0.2}}
+    size_in = (8.4, 2.9)
+
+    def build(self, figure: Figure) -> Sequence[Artist]:
+        """Draw four panels."""
+        panels = figure.subplots(1, 4)
+        titles = {"loss ρ(u)": 9.0, "pull ψ(u)": 4.0, "weight ψ(u)/u": 1.05}
+        self._curves = []
+        for axes, (title, top) in zip(panels, titles.items(), strict=False):
+            self._curves += axes.plot([], [], color=COLOURS["blue"])
+            axes.set(title=title, xlim=(-8, 8), ylim=(-4.0 if title[-4:] == "ψ(u)" else -0.02, top), xlabel="u")
+        panels[0].plot(_U, _U**2 / 2, color=COLOURS["black"], lw=0.7, ls="--")
+        panels[1].plot(_U, _U, color=COLOURS["black"], lw=0.7, ls="--")
+        (self._cost,) = panels[3].plot([], [], color=COLOURS["black"])
+        (self._here,) = panels[3].plot([], [], "o", color=COLOURS["vermilion"], ms=7)
+        panels[3].set(title="efficiency (%)", xlabel="constant", xlim=(0.15, 2.05), ylim=(0, 102))
+        return [*self._curves, self._cost, self._here]
+
+    def update(self, *, loss: str, factor: float) -> Mapping[str, str]:
+        """Draw the loss with this constant."""
+        chosen = _scaled(loss, factor)
+        for line, values in zip(self._curves, (chosen.rho(_U), chosen.psi(_U), chosen.weights(_U)), strict=True):
+            line.set_data(_U, values)
+        self._cost.set_data(_FACTORS, 100.0 * _efficiencies(loss))
+        kept = efficiency(chosen)
+        self._here.set_data([factor], [100.0 * kept])
+        return {
+            "constant": ", ".join(f"{value:.4g}" for value in vars(chosen).values()),
+            "efficiency on normal errors": f"{100.0 * kept:.2f} %",
+            "most that one bad value can do": f"{gross_error_sensitivity(chosen):.3f} scales / n",
+        }
+
+    def code(self, *, loss: str, factor: float) -> str:
+        """Return the loss and its two numbers."""
+        constants = ", ".join(f"{name}={value!r}" for name, value in vars(_scaled(loss, factor)).items())
+        return (
+            "import losbench as lb\n\n"
+            f"loss = lb.{loss}({constants})\n"
+            "print(100 * lb.efficiency(loss), lb.gross_error_sensitivity(loss))"
+        )
+
+
+def _scaled(loss: str, factor: float) -> Any:
+    default = _LOSSES[loss]
+    return replace(default, **{name: value * factor for name, value in vars(default).items()})
+
+
+@cache
+def _efficiencies(loss: str) -> NDArray[np.float64]:
+    return np.array([efficiency(_scaled(loss, float(factor))) for factor in _FACTORS])
