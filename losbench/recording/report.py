@@ -92,9 +92,10 @@ def _sensitivity(measurement: Measurement) -> SensitivityFit | None:
 def _sentences(fit: SensitivityFit) -> list[str]:
     low, high = np.moveaxis(fit.k_interval_arcsec_per_degC, -1, 0)
     rms = rad_to_arcsec(fit.rms)
+    lag = [f"lag {minutes:.1f} min" if minutes > 0 else "no lag fitted" for minutes in fit.lag_s / 60]
     return [
-        f"Sensitivity about {axis}: {k:+.4f} arcsec/degC (95 %: {low[i]:+.4f} to {high[i]:+.4f}), "
-        f"lag {fit.lag_s[i] / 60:.1f} min, {rms[i]:.4f} arcsec rms left after compensation"
+        f"Sensitivity about {axis}: {k:+.4f} arcsec/degC (95 %, if one lag describes it: "
+        f"{low[i]:+.4f} to {high[i]:+.4f}), {lag[i]}, {rms[i]:.4f} arcsec rms left after compensation"
         for i, (axis, k) in enumerate(zip(_AXES.values(), fit.k_arcsec_per_degC, strict=True))
     ]
 

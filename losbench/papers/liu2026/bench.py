@@ -53,7 +53,9 @@ class Bench:
     spot_row_px: float = assumed(
         539.5, "px", "both spots on the middle row: the baseline lies along x as in section 2.2"
     )
-    spot_sigma_px: float = assumed(3.0, "px", "a spot diameter (4 sigma) of 12 px; other sizes are tried beside it")
+    spot_sigma_px: float | tuple[float, float] = assumed(
+        3.0, "px", "a spot diameter (4 sigma) of 12 px; other sizes are tried beside it"
+    )
     flux_e: tuple[float, float] = assumed(
         (2.25e5, 2.1e5), "e-", "as bright as in the run at constant temperature, whose noise Table 1 gives"
     )
@@ -99,14 +101,19 @@ class Bench:
         return self.camera.points_mm(self.spots_px)
 
     @property
+    def spot_diameter_px(self) -> float:
+        """Return four sigma, of the wider axis where sigma is a pair (x, y)."""
+        return 4.0 * float(np.max(self.spot_sigma_px))
+
+    @property
     def grey_window_px(self) -> int:
         """Return the odd side of the grey-weighted window: 1.5 spot diameters of four sigma (section 2.2)."""
-        return next_odd(1.5 * 4.0 * self.spot_sigma_px)
+        return next_odd(1.5 * self.spot_diameter_px)
 
     @property
     def eiwa_window_px(self) -> int:
         """Return N of EIWA: odd, "a little over the spot diameter" (section 2.2)."""
-        return next_odd(4.0 * self.spot_sigma_px)
+        return next_odd(self.spot_diameter_px)
 
     def windows(self, truth_px: Floats, rng: np.random.Generator) -> Windows:
         """Expose a window around each spot for spot positions (F, 2, 2)."""

@@ -45,6 +45,8 @@ class SensitivityFit:
         Root mean square of what compensation leaves over, radians, outliers included.
     residuals, weights : (n, ...) arrays
         Model minus angle, radians, and weight of each sample; NaN and 0 where a sample was left out.
+    correlation : (...,) array
+        Of neighbouring residuals, by which the intervals were widened; 0 for independent errors.
     converged : (...,) bool array
     """
 
@@ -58,6 +60,7 @@ class SensitivityFit:
     rms: Floats
     residuals: Floats
     weights: Floats
+    correlation: Floats
     converged: NDArray[np.bool_]
 
     @property
@@ -115,8 +118,9 @@ def fit_sensitivity(
     scale : str or float
         For "irls": as `irls` takes it.
     confidence : float
-        Of the intervals, which follow Student's t distribution and take the errors of samples as independent: drift
-        that the model does not explain makes them too narrow.
+        Of the intervals, which follow Student's t distribution, widened by sqrt((1 + r) / (1 - r)) where neighbouring
+        residuals have the correlation r (Bayley and Hammersley 1946). They hold if the law does: what one lag cannot
+        describe moves k itself.
 
     Returns
     -------
@@ -179,7 +183,10 @@ class _Law:
         design = self._design(lag_s)[used]
         solved = self._solve(design, angle[used])
         covariance, lag_interval = solved.cov, np.full(2, np.nan)
-        quantile = stdtrit(solved.dof - (lag == "fit"), 0.5 + 0.5 * level)
+        correlation = _correlation(solved.weights * solved.residuals)
+        quantile = stdtrit(solved.dof - (lag == "fit"), 0.5 + 0.5 * level) * np.sqrt(
+            (1.0 + correlation) / (1.0 - correlation)
+        )
         if lag == "fit":
             # To first order the logarithm of the lag is one more unknown, and takes its share of the information.
             slope = (self._design(lag_s * _NUDGE) - self._design(lag_s / _NUDGE))[used] / (2 * np.log(_NUDGE))
@@ -198,6 +205,7 @@ class _Law:
             rms=np.sqrt(np.mean(solved.residuals**2)),
             residuals=residuals,
             weights=weights,
+            correlation=np.asarray(correlation),
             converged=np.asarray(solved.converged),
         )
 
@@ -235,6 +243,13 @@ class _Law:
         if self.loss is None:
             return lstsq(design, angle)
         return irls(design, angle, loss=self.loss, scale=self.scale, on_fail="ignore")
+
+
+def _correlation(residuals: Floats) -> float:
+    """Correlation of neighbours, between 0 and what n samples can tell from 1."""
+    total = float(residuals @ residuals)
+    found = float(residuals[1:] @ residuals[:-1]) / total if total > 0 else 0.0
+    return float(np.clip(found, 0.0, 1.0 - 2.0 / residuals.size))
 
 
 def _lagged(temperature: Floats, time: Floats | None, lag_s: Floats) -> Floats:
