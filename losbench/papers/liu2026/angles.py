@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -95,20 +96,9 @@ def table_2(run: Constant, setting: ConstantBench) -> pd.DataFrame:
 
 def stacked_ratios(shifts_mm: Floats, setting: Bench, *, stack: int, scale: str = "std") -> Floats:
     """RMS of IRLS over RMS of LS, (3,), when ``stack`` frames (F, 2, 2) share one solve; one weight per element."""
-    ratios = {}
-    for method in ("irls", "ls"):
-        fit = solve_attitude(
-            setting.points_mm,
-            shifts_mm,
-            model="paper",
-            method=method,
-            scale=scale,
-            stack=stack,
-            group=None,
-            max_iter=1000,
-        )
-        ratios[method] = fit.angles.std(axis=0)
-    return ratios["irls"] / ratios["ls"]
+    solve = partial(solve_attitude, setting.points_mm, shifts_mm, model="paper", stack=stack)
+    robust, least = solve(method="irls", scale=scale, group=None, max_iter=1000), solve(method="ls")
+    return robust.angles.std(axis=0) / least.angles.std(axis=0)
 
 
 def contaminated_ratios(
