@@ -11,7 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["boolean", "choice", "finite", "finite_or_nan", "integer", "non_negative", "number", "positive", "shaped"]
+__all__ = [
+    "boolean",
+    "choice",
+    "finite",
+    "finite_or_nan",
+    "generator",
+    "integer",
+    "non_negative",
+    "number",
+    "positive",
+    "shaped",
+]
 
 Floats = NDArray[np.float64]
 
@@ -80,6 +91,15 @@ def boolean(name: str, value: object) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise ValueError(f"{name} must be True or False, got {value!r}")
     return bool(value)
+
+
+def generator(name: str, value: object) -> np.random.Generator:
+    """Return ``value`` as a random generator: a Generator as it is, or one made from a whole number as its seed."""
+    if isinstance(value, np.random.Generator):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+        raise ValueError(f"{name} must be a numpy Generator or a seed of at least 0, got {value!r}")
+    return np.random.default_rng(int(value))
 
 
 def choice(name: str, value: Any, options: Iterable[str]) -> str:

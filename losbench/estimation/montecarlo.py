@@ -74,7 +74,10 @@ def monte_carlo(
 
 
 def _chunk(trial: Trial, stream: np.random.SeedSequence, size: int) -> dict[str, NDArray[Any]]:
-    result = {name: np.asarray(values) for name, values in trial(np.random.default_rng(stream), size).items()}
+    found = trial(np.random.default_rng(stream), size)
+    if not isinstance(found, Mapping):
+        raise ValueError(f"trial must return a dict of arrays ({size}, ...), got {type(found).__name__}")
+    result = {name: np.asarray(values) for name, values in found.items()}
     for name, values in result.items():
         if values.shape[:1] != (size,):
             raise ValueError(f"trial must return arrays ({size}, ...) for size={size}, got {name} with {values.shape}")

@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from losbench.checks import finite, integer, non_negative, number, positive, shaped
+from losbench.checks import finite, generator, integer, non_negative, number, positive, shaped
 from losbench.parameters import from_table, read_toml, to_table
 
 __all__ = ["Detector"]
 
 Floats = NDArray[np.float64]
+
+
+_MOST_E = 1e18  # what can be counted in 64 bits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,13 +136,15 @@ class Detector:
         shaped("electrons", expected, ("...", "rows", "columns"))
         if expected.size and not (expected.min() >= 0 and expected.max() < np.inf):
             non_negative("electrons", expected)
+        if expected.size and expected.max() > _MOST_E:
+            raise ValueError(f"electrons must be at most {_MOST_E:g} a pixel, got {expected.max():g}")
         corner = finite("origin", origin)
         shaped("origin", corner, ("...", 2))
-        generator = np.random.default_rng(rng)
+        random = generator("rng", rng)
 
-        counts = generator.poisson(self._collected(expected, np.broadcast_to(corner, (*expected.shape[:-2], 2))))
+        counts = random.poisson(self._collected(expected, np.broadcast_to(corner, (*expected.shape[:-2], 2))))
         # Single precision resolves 1/100 of a DN over 16 bits and halves the cost of a full frame.
-        reading = generator.standard_normal(expected.shape, dtype=np.float32)
+        reading = random.standard_normal(expected.shape, dtype=np.float32)
         reading *= self.read_noise_e
         reading += np.minimum(counts, self.full_well_e, dtype=np.float32)
         reading /= self.gain_e_per_dn

@@ -109,3 +109,14 @@ def test_a_detector_survives_its_file_beside_the_camera(tmp_path):
     path.write_text("[detector]\ngain = 4.0\n")
     with pytest.raises(ValueError, match=r"camera.toml \[detector\]: unknown key gain; known are gain_e_per_dn"):
         lb.Detector.from_toml(path)
+
+
+@pytest.mark.parametrize("rng", [None, "seed", -1, 1.5])
+def test_randomness_must_be_named(rng):
+    with pytest.raises(ValueError, match="rng must be a numpy Generator or a seed of at least 0, got"):
+        lb.Detector().expose(np.ones((3, 3)), rng)
+
+
+def test_more_electrons_than_can_be_counted_are_refused():
+    with pytest.raises(ValueError, match=r"electrons must be at most 1e\+18 a pixel, got 1e\+30"):
+        lb.Detector().expose(np.full((3, 3), 1e30), 1)
