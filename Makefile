@@ -13,7 +13,7 @@ LOCK_FLAGS := --quiet --generate-hashes --no-header --no-annotate --universal --
 	--no-emit-find-links --python-version 3.11 \
 	--extra fits --extra data --extra cluster --extra test --extra browser
 
-.PHONY: help reproduce test lab bench lock clean
+.PHONY: help reproduce test lab bench soak lock clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do printf '  make %-10s %s\n' "$$name" "$$text"; done
@@ -32,6 +32,9 @@ lab: $(READY)  ## open the notebooks in JupyterLab
 
 bench: $(BENCH_READY)  ## measure speed against peers, naive baselines and physical limits
 	@missed=0; for script in benchmarks/bench_*.py; do echo "== $$script"; OMP_NUM_THREADS=1 $(RUN)/python "$$script" || missed=1; done; exit $$missed
+
+soak: $(READY)  ## ten minutes of random slider moves over all explorers
+	$(RUN)/python benchmarks/soak_explorers.py
 
 lock:  ## renew both locks from pyproject.toml (needs uv)
 	@test -n "$(UV)" || { echo "make lock needs uv: https://docs.astral.sh/uv/"; exit 1; }
