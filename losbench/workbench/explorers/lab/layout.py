@@ -14,8 +14,9 @@ from losbench.estimation.breakdown import design_breakdown
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Slider
+from losbench.workbench.smallsystems import spot_rows
 
-__all__ = ["YourLayout", "ring", "rows"]
+__all__ = ["YourLayout", "ring"]
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ class YourLayout(Explorer):
     def update(self, *, spots: int, arc_deg: int, away: float) -> Mapping[str, str]:
         """Find the breakdown of the layout."""
         u, v = _arc(spots, arc_deg, away)
-        found = design_breakdown(rows(u, v), group=np.repeat(np.arange(spots), 2))
+        found = design_breakdown(spot_rows(u, v), group=np.repeat(np.arange(spots), 2))
         a, b, turn = found.direction
         pull = np.hypot(a - turn * v, b + turn * u)
         worst = np.argsort(-pull, kind="stable")[: found.monotone + 1]
@@ -83,18 +84,10 @@ found = lb.design_breakdown(A.reshape(-1, 3), group=np.repeat(np.arange({spots})
 print(found.monotone, found.any)"""
 
 
-def rows(u: Floats, v: Floats) -> Floats:
-    """Rows (1, 0, -v) and (0, 1, u) of each spot (2 n, 3): shifts along both axes and a turn."""
-    A = np.zeros((len(u), 2, 3))
-    A[:, 0, 0] = A[:, 1, 1] = 1.0
-    A[:, 0, 2], A[:, 1, 2] = -v, u
-    return A.reshape(-1, 3)
-
-
 def ring(spots: int) -> tuple[Floats, NDArray[np.intp]]:
     """Rows of spots on a unit circle, and the spot of each row."""
     turn = 2.0 * np.pi * np.arange(spots) / spots
-    return rows(np.cos(turn), np.sin(turn)), np.repeat(np.arange(spots), 2)
+    return spot_rows(np.cos(turn), np.sin(turn)), np.repeat(np.arange(spots), 2)
 
 
 def _arc(spots: int, arc_deg: int, away: float) -> tuple[Floats, Floats]:

@@ -1,0 +1,133 @@
+"""The exercises: reference solutions are right for every seed, wrong answers never are, and nothing is given away."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.resources import notebook_folder
+from losbench.workbench.exercises import Exercises, student_copy
+
+SOLUTIONS = json.loads((notebook_folder() / "solutions" / "21-solutions.ipynb").read_text(encoding="utf-8"))
+STUDENTS = json.loads((notebook_folder() / "21-exercises.ipynb").read_text(encoding="utf-8"))
+COUNT = 14
+
+
+def judgements(notebook, seed):
+    """Run the code cells as they stand, but for the seed; what each check said."""
+    names, said = {}, []
+    for cell in notebook["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        lines = "".join(cell["source"]).replace("seed=1", f"seed={seed}").splitlines()
+        if lines[-1].startswith("check.ex"):
+            lines[-1] = f"judged = {lines[-1]}"
+            exec("\n".join(lines), names)
+            said.append(names["judged"])
+        else:
+            exec("\n".join(lines), names)
+    return said
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 2026])
+def test_the_solutions_are_right(seed):
+    said = judgements(SOLUTIONS, seed)
+    assert len(said) == COUNT
+    assert [judged.text for judged in said if not judged.right] == []
+    assert str(said[4]) == "ex05: right."
+
+
+def test_the_students_copy_is_the_solutions_without_the_answers():
+    assert student_copy(SOLUTIONS) == STUDENTS
+    text = json.dumps(STUDENTS)
+    assert text.count("answer = ...") == COUNT
+    for secret in ("lb.irls(d.A, d.y).x", "tuned", "lb.mm(d.A", 'method=\\"mm\\"', "class Mine"):
+        assert secret not in text
+
+
+def test_the_students_copy_runs_as_it_is():
+    for number, judged in enumerate(judgements(STUDENTS, 1), start=1):
+        assert not judged.right
+        assert judged.text == f"ex{number:02d}: not answered yet."
+
+
+class Tukey:
+    def weights(self, u):
+        return lb.Bisquare(3.0).weights(u)
+
+
+class Squares:
+    def weights(self, u):
+        return np.ones_like(u)
+
+
+def wrong_answers(check):
+    """For each exercise what a student may well try, and a word that the hint should have."""
+    d = {number: check.data(number) for number in range(1, COUNT + 1)}
+    two = lb.solve_attitude(d[13].points, d[13].shifts, method="ls")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield 1, d[1].y.mean(), "listens less"
+        yield 1, np.median(d[1].y) + 1e-3, "default"
+        yield 1, "nine", "form"
+        yield 2, np.minimum(1.0, 1.345 / np.abs(d[2].residuals)), "compared with what"
+        yield 2, 1.345 / np.abs(d[2].residuals / d[2].scale), "No row counts for more"
+        yield 2, np.ones(3), "psi"
+        yield 3, np.median(np.abs(d[3].residuals)), "divided"
+        yield 3, d[3].residuals.std(), "median of the absolute"
+        yield 4, 0.3, "larger"
+        yield 4, 5.0, "smaller"
+        yield 4, -1.0, "form"
+        yield 5, len(d[5].y) // 2 + 1, "middle"
+        yield 5, 0, "infinity"
+        yield 6, 0, "Swap"
+        yield 6, 1, "Swap"
+        yield 7, (0, 0), "Two numbers"
+        yield 7, 3, "form"
+        yield 8, (0 if lb.lstsq(d[8].A, d[8].y).leverage.argmax() else 1, 0.5), "farthest"
+        yield 8, (lb.lstsq(d[8].A, d[8].y).leverage.argmax(), 0.1), "hat matrix"
+        yield 9, [19], "not alone"
+        yield 9, [0, 1], "Some of these are good"
+        yield 10, np.median(d[10].y), "watershed|large heap"
+        yield 10, 1e6, "every weight is zero"
+        yield 11, 1.0, "mean squares"
+        yield 12, Tukey(), "doubt too early"
+        yield 12, Squares(), "pull"
+        yield 12, 3.0, "form"
+        yield 13, two.angles, "how many spots of eight"
+        yield 13, two.angles_arcsec, "radians"
+        yield 13, two.angles[:3], "400"
+        yield 14, [(0, 0)], "missing"
+        yield 14, [(f, s) for f in range(150) for s in (0, 1)][:40], "missing|So many"
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_wrong_answers_get_a_hint(seed):
+    check = Exercises(seed=seed)
+    for number, answer, word in wrong_answers(check):
+        judged = getattr(check, f"ex{number:02d}")(answer)
+        assert not judged.right, (number, answer)
+        assert judged.text.startswith(f"ex{number:02d}: not yet. ")
+        assert any(part in judged.text for part in word.split("|")), (number, judged.text)
+
+
+def test_data_differ_by_seed_and_repeat():
+    one, again, other = Exercises(seed=1), Exercises(seed=1), Exercises(seed=2)
+    for number in range(1, COUNT + 1):
+        first, second = vars(one.data(number)), vars(again.data(number))
+        assert all(np.array_equal(first[name], second[name]) for name in first)
+        assert not any("hidden" in name or "truth" in name for name in first)
+    assert not np.array_equal(one.data(1).y, other.data(1).y)
+
+
+def test_names_and_seeds_are_checked():
+    check = Exercises()
+    assert {"ex01", "ex14", "data"} <= set(dir(check))
+    with pytest.raises(AttributeError, match="no exercise 'ex15'; they are ex01 to ex14"):
+        _ = check.ex15
+    with pytest.raises(ValueError, match="number must be a whole number from 1 to 14, got 0"):
+        check.data(0)
+    with pytest.raises(ValueError, match="seed must be a whole number of at least 0, got -1"):
+        Exercises(seed=-1)
