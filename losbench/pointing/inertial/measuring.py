@@ -134,12 +134,14 @@ def measure_jointly(scene: Scene, how: Recipe, predicted: Floats, rate_prior_rad
         start = carried(camera, places[part], to_start)
         epoch_s = epoch / 2 * path.exposure_s
         joint = solve_jointly(model, data, here, epoch_s, start, how.stop, rate_prior_rad_s=rate_prior_rad_s)
-        xy, cov = joint.positions(camera, np.where(known[part], places[part], np.nan))
+        xy, cov = joint.positions(camera, places[part])
+        xy = np.where(known[part], xy, np.nan)
         settled, rounds = np.repeat(joint.converged, stars), np.repeat(joint.n_iter, stars)
         boxes.append(scene.boxes(carried(camera, xy, to_start).reshape(-1, 2), of))
         flags = _flags(camera, data, joint.flux.ravel(), settled, boxes[-1])
-        sigma_xy = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1)).reshape(-1, 2)
-        found.append(AidedCentroids(xy.reshape(-1, 2), sigma_xy, joint.flux.ravel(), rounds, settled, flags))
+        sigma_xy = np.where(known[part], np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1)), np.nan).reshape(-1, 2)
+        told = np.where(np.isnan(sigma_xy), np.nan, xy.reshape(-1, 2))
+        found.append(AidedCentroids(told, sigma_xy, joint.flux.ravel(), rounds, settled, flags))
         joints.append(joint)
     turn, rate = (
         np.concatenate([getattr(joint, name) for joint in joints]).reshape(*scene.cut.batch, 3)
@@ -185,11 +187,11 @@ def _flags(
 ) -> NDArray[np.int64]:
     rows, columns = camera.shape
     (left, top), (right, bottom) = np.moveaxis(boxes, 0, -1)
-    inside = (left >= -0.5) & (top >= -0.5) & (right <= columns - 0.5) & (bottom <= rows - 0.5)
+    outside = (left < -0.5) | (top < -0.5) | (right > columns - 0.5) | (bottom > rows - 0.5)
     bright = flux > _FAINTEST * data.flux_error
     return (
         SpotFlag.NOT_CONVERGED * (~converged & np.isfinite(boxes[:, 0, 0]))
-        | SpotFlag.EDGE * ((data.incomplete | ~inside) & ~data.missing)
+        | SpotFlag.EDGE * ((data.incomplete | outside) & ~data.missing)
         | SpotFlag.SATURATED * data.saturated
         | SpotFlag.TOO_FAINT * (~bright & ~data.missing)
         | SpotFlag.MISSING * data.missing

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf
 
+from losbench.checks import positive
 from losbench.pointing.inertial.path import AttitudePath
 from losbench.pointing.optics import Camera
 
-__all__ = ["Gradient", "StreakModel", "carried"]
+__all__ = ["Gradient", "StreakModel", "carried", "spot_width"]
 
 Floats = NDArray[np.float64]
 
@@ -133,6 +134,14 @@ class StreakModel:
         last = step.shape[-1] - 2
         inner = step[..., 1:-1].sum(axis=-1)
         return 0.5 * (step[..., -1] - step[..., 0]), 0.5 * (last * step[..., -1] - inner)
+
+
+def spot_width(sigma: ArrayLike) -> Floats:
+    """Return sigma as (sx, sy), or raise ``ValueError``."""
+    width = positive("sigma", sigma)
+    if width.shape not in ((), (2,)):
+        raise ValueError(f"sigma must be one number or (sx, sy), got shape {width.shape}")
+    return np.broadcast_to(width, (2,))
 
 
 def carried(camera: Camera, xy: Floats, turns: Floats) -> Floats:

@@ -131,7 +131,7 @@ def least_squares(model: StreakModel, data: Windows, stop: Stop, first: Solution
         flux[left] = np.maximum(flux[left] + step[:, 2], 0.1 * flux[left])
         cov[left] = inverse[:, :2, :2]
         n_iter[left] += 1
-        settled = np.abs(step[:, :2]).max(axis=1) < stop.tolerance
+        settled = (np.abs(step[:, :2]).max(axis=1) < stop.tolerance) & np.isfinite(inverse[:, 0, 0])
         converged[left[settled]] = True
         if settled.any():
             stay = np.flatnonzero(~settled)
@@ -153,7 +153,7 @@ def _response(model: StreakModel, region: Region, xy: Floats) -> tuple[Floats, F
     y = np.arange(image.shape[1]) - offset[:, 1:]
     columns = [np.stack([np.einsum("mij,mj->m", by, x), np.einsum("mij,mi->m", by, y)], axis=-1) for by in slopes]
     response = np.stack(columns, axis=-1) / light[:, None, None]
-    response[~(np.abs(np.linalg.det(response)) > 1e-6)] = np.nan
+    response[~(np.abs(np.linalg.det(np.nan_to_num(response))) > 1e-6)] = np.nan
     return response, light
 
 

@@ -1,7 +1,5 @@
 """Errors against the Cramer-Rao bound, methods against each other, invariants, and what is flagged or refused."""
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -195,9 +193,7 @@ def test_what_is_wrong_with_a_star_is_flagged_and_nothing_raises(camera):
     frame[300, 398] = np.nan
     start = tracks.mean(axis=-2)
     start[5] = np.nan
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        found = lb.aided_centroid(frame, start, path=path, camera=camera, sigma=0.6, noise=DETECTOR)
+    found = lb.aided_centroid(frame, start, path=path, camera=camera, sigma=0.6, noise=DETECTOR)
     flags = [SpotFlag(int(bits)) for bits in found.flags]
     assert SpotFlag.EDGE in flags[0]
     assert flags[1] == flags[2] == SpotFlag.NEIGHBOUR
@@ -225,6 +221,56 @@ def test_a_dark_frame_has_no_stars(camera, sense):
     assert np.isnan(found.xy).all() and found.flags[0] & SpotFlag.TOO_FAINT
 
 
+def test_a_joint_fit_leaves_out_what_is_not_predicted_and_says_where_the_unseen_are(camera):
+    path = lb.motion_path(lb.Vibration(constant_rad_s=[0.0, 0.04, 0.0]), 0.025)
+    stars = np.array([[100.0, 100.0], [400.0, 150.0], [300.0, 400.0], [60.0, 450.0]])
+    tracks = path.tracks(stars, camera, epoch="end")
+    frame = lb.render_streaks(tracks, path.share, 3e4, 0.6, camera.shape)
+    start, predicted = tracks.mean(axis=-2), stars + 0.2
+    start[2], predicted[3] = np.nan, np.nan
+    found = lb.aided_centroid(
+        frame, start, path=path, camera=camera, sigma=0.6, method="joint", predicted=predicted, background=0.0
+    )
+    np.testing.assert_allclose(found.xy[:3], stars[:3], atol=0.02)
+    assert np.isnan(found.xy[3]).all() and np.isnan(found.sigma_xy[3]).all()
+    assert found.flags.tolist() == [0, 0, SpotFlag.MISSING, SpotFlag.MISSING]
+
+
+def test_a_joint_fit_of_one_star_in_sight_tells_nothing(camera, sense):
+    stars = np.array([[100.0, 100.0], [400.0, 150.0]])
+    frame = lb.render_spots(stars[:1], 3e4, 0.6, camera.shape)
+    start = [[100.0, 100.0], [np.nan, np.nan]]
+    with pytest.warns(RuntimeWarning, match="2 of 2 stars did not converge"):
+        found = lb.aided_centroid(
+            frame, start, path=sense(lb.Vibration()), camera=camera, sigma=0.6, method="joint", predicted=stars
+        )
+    assert np.isnan(found.xy).all() and (found.flags & SpotFlag.NOT_CONVERGED > 0).all()
+
+
+def test_a_start_beside_the_star_does_not_settle_on_nothing(camera, sense):
+    frame = lb.render_spots([[100.0, 100.0]], 3e4, 0.6, camera.shape)
+    with pytest.warns(RuntimeWarning, match="1 of 1 stars did not converge"):
+        found = lb.aided_centroid(
+            frame,
+            [[105.0, 105.0]],
+            path=sense(lb.Vibration()),
+            camera=camera,
+            sigma=0.6,
+            window=7,
+            method="least_squares",
+            background=0.0,
+        )
+    assert found.flags[0] & SpotFlag.NOT_CONVERGED and not found.converged[0]
+
+
+@pytest.mark.parametrize("choices", [{}, {"threshold": 0.02}])
+def test_a_star_that_is_missing_raises_no_warning(camera, sense, choices):
+    frame = lb.render_spots([[100.0, 100.0]], 3e4, 0.6, camera.shape)
+    start = [[100.0, 100.0], [np.nan, np.nan]]
+    found = lb.aided_centroid(frame, start, path=sense(lb.Vibration()), camera=camera, sigma=0.6, **choices)
+    assert found.flags.tolist() == [0, SpotFlag.MISSING]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -244,6 +290,7 @@ def test_a_dark_frame_has_no_stars(camera, sense):
             r"path must be of one exposure or of \(\) to match frames, got \(150,\)",
         ),
         ({"sigma": -0.5}, "sigma must be positive, got -0.5"),
+        ({"sigma": [0.5, 0.5, 0.5]}, r"sigma must be one number or \(sx, sy\), got shape \(3,\)"),
         ({"method": "magic"}, "method must be one of 'iterative', 'closed_form', 'least_squares', 'joint'"),
         ({"epoch": "later"}, "epoch must be one of 'start', 'middle', 'end'"),
         ({"window": 12}, "window must be odd, got 12"),
