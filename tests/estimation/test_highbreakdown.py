@@ -143,6 +143,18 @@ def test_predicted_errors_against_the_scatter_on_normal_errors(fit, n, low, high
     assert np.mean(result.scale) == pytest.approx(1.0, abs=0.07)
 
 
+@pytest.mark.parametrize("fit", FITS)
+def test_rows_thrown_out_lend_no_leverage_to_the_predicted_errors(fit):
+    x = np.append(np.arange(30.0), [500.0, 510.0, 520.0])
+    design = np.column_stack([np.ones(33), x])
+    y = np.random.default_rng(6).standard_normal((1500, 33))
+    y[:, 30:] += 1000.0
+    result = fit(design, y)
+    assert not result.weights[:, 30:].any()
+    ratio = np.sqrt(np.mean(result.x**2, axis=0) / np.mean(np.diagonal(result.cov, axis1=1, axis2=2), axis=0))
+    assert ((ratio > 0.9) & (ratio < (1.35 if fit is lb.lts else 1.12))).all()
+
+
 @pytest.mark.parametrize(("efficiency", "rows"), [(0.85, 1), (0.95, 1), (0.95, 2)])
 def test_mm_has_the_efficiency_asked_for(efficiency, rows):
     n = 60

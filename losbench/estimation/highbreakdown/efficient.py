@@ -62,7 +62,8 @@ def mm(
     Returns
     -------
     RobustFit
-        ``scale`` is the frozen one; ``cov`` as that of `irls`.
+        ``scale`` is the frozen one. ``cov`` is, with R's kappa as in `irls`, kappa^2 sum psi^2 / (n - p) / m^2 times
+        mean(w) (A'WA)^-1, so that rows that were thrown out lend it no leverage; at a known scale as that of `irls`.
 
     Raises
     ------
@@ -90,32 +91,45 @@ def mm(
         size = ScaleRule(scale, problem.batch, problem.y_unit)(size[:, None], np.arange(len(size)))
     size = (size * problem.y_unit).reshape(problem.batch)
     x0 = problem.unknowns(start).reshape(*problem.batch, -1)
-    # Errors in units of the frozen scale: `irls` is told that its scale is 1 but not that anybody knew it, which
-    # makes the covariance that of an estimated scale.
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+    # In units of the frozen scale, which `irls` would otherwise make anew.
+    with np.errstate(over="ignore", under="ignore"):
         fit = irls(
             A,
             np.asarray(y, dtype=np.float64) / size[..., None],
             loss=loss,
-            scale=_one if scale is None else 1.0,
+            scale=1.0,
             group=group,
             x0=x0 / size[..., None],
             max_iter=1000,
             on_fail=on_fail,
         )
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         return replace(
             fit,
             x=fit.x * size[..., None],
             residuals=fit.residuals * size[..., None],
             scale=fit.scale * size,
-            cov=fit.cov * (size**2)[..., None, None],
-            loss=f"MM, {loss}",
+            cov=_covariance(problem, units, fit, loss, size) if scale is None else fit.cov * (size**2)[..., None, None],
+            loss=f"MM, bisquare of {100.0 * efficiency:g} %",
             scale_method="S" if scale is None else "given",
         )
 
 
-def _one(residuals: Floats) -> Floats:
-    return np.ones(residuals.shape[:-1])
+def _covariance(problem: Problem, units: Units, fit: RobustFit, loss: Bisquare, size: Floats) -> Floats:
+    """Covariance in the user's units; the fit is in units of its scale (...)."""
+    n = fit.residuals.shape[-1]
+    residuals, weights = fit.residuals.reshape(-1, n), fit.weights.reshape(-1, n)
+    rms = np.sqrt(units.sums(residuals**2) / units.sizes)
+    slope = units.spread(loss.psi_deriv(rms))
+    rows = units.spread(units.sizes.astype(np.float64))
+    slope = weights + (slope - weights) / rows
+    mean, rank = slope.mean(axis=1), fit.rank.reshape(-1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        kappa = 1.0 + rank * slope.var(axis=1) / max(n - 1, 1) / mean**2
+        spread = np.sqrt(np.vecdot(weights * residuals, weights * residuals) / (n - rank) * weights.mean(axis=1))
+        scaled = spread * kappa / mean * size.reshape(-1) / problem.y_unit
+    cov = Search(problem).covariance(weights, np.where(rank < n, scaled, np.nan))
+    return cov.reshape(*problem.batch, *cov.shape[1:])
 
 
 def _s_estimate(problem: Problem, units: Units, starts: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
