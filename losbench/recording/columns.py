@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
@@ -96,11 +97,20 @@ class TelemetryFormat:
             raise ValueError("spot_unit 'px' needs pixel_um")
         if len(self.head_1.spots) != len(self.head_2.spots):
             raise ValueError("both heads must have equally many spots")
+        twice = [name for name, count in Counter(self.columns).items() if count > 1]
+        if twice:
+            raise ValueError(f"every column must have one meaning, but {', '.join(twice)} is named twice")
 
     @property
     def clocks(self) -> tuple[str, ...]:
         """Names of the time columns, one or two."""
         return (self.time,) if isinstance(self.time, str) else tuple(self.time)
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of all columns: clocks, then quaternion and spots of each head."""
+        heads = (self.head_1, self.head_2)
+        return [*self.clocks, *(c for head in heads for c in (*head.quaternion, *(x for xy in head.spots for x in xy)))]
 
     @property
     def convention(self) -> QuaternionConvention:

@@ -26,6 +26,7 @@ __all__ = ["PairReport", "correct_telemetry"]
 Floats = NDArray[np.float64]
 
 _SHORTEST_TRACK = 20  # samples, for an error split
+_WORST_CONDITION = 1000.0  # two spots 7 arcmin apart
 
 
 @dataclass(frozen=True)
@@ -69,17 +70,18 @@ class PairReport:
     def write(self, folder: Path) -> None:
         """Write ``corrected.csv``, ``angle.csv``, ``tracks.csv``, ``angle.png``, ``drift.png`` and ``report.txt``."""
         time = self.telemetry.pair.time_s
-        heads = self.telemetry.pair.convention.scalar
-        order = "xyzw" if heads == "last" else "wxyz"
-        write_whole(folder / "corrected.csv", _corrected_csv(time, self.pair.quaternions, order))
-        for name, table in (("angle", self.angle), ("tracks", self.tracks)):
-            text = table.to_csv(index=False, lineterminator="\n", float_format="%.9g")
-            write_whole(folder / f"{name}.csv", text)
-        write_whole(folder / "report.txt", self.summary() + "\n")
-        for name, figure in (("angle", _angle_figure(self.angle)), ("drift", _drift_figure(self.angle))):
-            content = io.BytesIO()
-            figure.savefig(content, format="png")
-            write_whole(folder / f"{name}.png", content.getvalue())
+        order = "xyzw" if self.telemetry.pair.convention.scalar == "last" else "wxyz"
+        angle = self.angle.assign(time_s=np.char.mod("%.6f", time))
+        files: dict[str, str | bytes] = {
+            "corrected.csv": _corrected_csv(time, self.pair.quaternions, order),
+            "angle.csv": angle.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
+            "tracks.csv": self.tracks.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
+            "angle.png": _png(_angle_figure(self.angle)),
+            "drift.png": _png(_drift_figure(self.angle)),
+            "report.txt": self.summary() + "\n",
+        }
+        for name, content in files.items():
+            write_whole(folder / name, content)
 
 
 def correct_telemetry(
@@ -124,14 +126,21 @@ def correct_telemetry(
     """
     source = Path(telemetry)
     folder = free_folder(out, force=force)
-    form = TelemetryFormat.from_toml(columns or source.with_suffix(".toml"))
+    described = Path(columns) if columns is not None else source.with_suffix(".toml")
+    if source.is_file() and not described.is_file():
+        raise FileNotFoundError(f"no description of the columns at {described}: write one, or name it with --columns")
+    form = TelemetryFormat.from_toml(described)
     read = read_telemetry(source, form)
     sigma = None if form.spot_sigma_um is None else form.spot_sigma_um * 1e-3
     pair = correct_pair(read.pair, sigma_mm=sigma, smooth_s=smooth_s)
     angle = _angle_table(read, pair, form.design_angle_deg, split_tracks(read.pair.time_s, gap_s=track_gap_s))
     tracks = _track_table(angle, read, window)
     report = PairReport(
-        read, pair, angle, tracks, (*read.notes, *_drift_notes(pair, smooth_s), *_clock_notes(read, angle))
+        read,
+        pair,
+        angle,
+        tracks,
+        (*read.notes, *_short_notes(tracks, window), *_drift_notes(pair, smooth_s), *_clock_notes(read, angle)),
     )
     report.write(folder)
     return report
@@ -174,7 +183,7 @@ def _track_table(angle: pd.DataFrame, read: Telemetry, window: int) -> pd.DataFr
 
 def _split(series: Floats, window: int, which: str) -> dict[str, object]:
     """The error split of one track's angle, NaN where the track is too short for it."""
-    nothing = np.isfinite(series).sum() < max(_SHORTEST_TRACK, 2 * window)
+    nothing = np.isfinite(series).sum() < _least_samples(window)
     paper, fair = (None if nothing else split_error(series, window=window, unbiased=u) for u in (False, True))
     row: dict[str, object] = {
         f"{name}_{which}": np.nan if paper is None else float(getattr(paper, name)) for name in ("total", "lsfe", "nea")
@@ -186,9 +195,18 @@ def _split(series: Floats, window: int, which: str) -> dict[str, object]:
     return row
 
 
+def _least_samples(window: int) -> int:
+    return max(_SHORTEST_TRACK, 2 * window)
+
+
+def _short_notes(tracks: pd.DataFrame, window: int) -> list[str]:
+    short = int(np.count_nonzero(tracks["samples"] - tracks["missing"] < _least_samples(window)))
+    return [f"{short} of {len(tracks)} tracks have fewer than {_least_samples(window)} angles: no split."] * (short > 0)
+
+
 def _instant(start: np.datetime64 | None, seconds: float) -> str:
     if start is None:
-        return f"{seconds:g} s"
+        return f"{seconds:.10g} s"
     moment = start + np.timedelta64(round(1e9 * seconds), "ns")
     return f"{moment.astype('datetime64[ms]')}Z"
 
@@ -201,6 +219,8 @@ def _drift_notes(pair: CorrectedPair, smooth_s: float | None) -> list[str]:
             f"Head {k + 1}: drift known to {error[0]:.2g}, {error[1]:.2g}, {error[2]:.2g} arcsec about x, y, z "
             f"(3 sigma, one sample); condition {fit.condition:.1f}."
         )
+        if fit.condition > _WORST_CONDITION:
+            lines.append(f"Head {k + 1}: the spots stand so near to each other that z is lost; is spot_unit right?")
     if smooth_s is not None:
         lines.append(f"The drift is a mean over {smooth_s:g} s.")
     return lines
@@ -246,16 +266,23 @@ def _angle_figure(angle: pd.DataFrame) -> Figure:
 
 def _drift_figure(angle: pd.DataFrame) -> Figure:
     fig, axes = _panels(2)
-    days = angle["time_s"].iloc[-1] > 172800.0
-    time = angle["time_s"] / (86400.0 if days else 1.0)
+    time = angle["time_s"] - angle["time_s"].iloc[0]
+    days = time.iloc[-1] > 172800.0
+    time = time / (86400.0 if days else 1.0)
     for k, axis in enumerate(axes):
         for name in "xyz":
             axis.plot(time, angle[f"drift_{k + 1}_{name}_arcsec"], ".", ms=1.5, label=name)
         axis.set_title(f"head {k + 1}")
-        axis.set_xlabel("time (days)" if days else "time (s)")
+        axis.set_xlabel("time since first row (days)" if days else "time since first row (s)")
     axes[0].set_ylabel("drift (arcsec)")
     axes[0].legend(markerscale=6, title="about")
     return fig
+
+
+def _png(figure: Figure) -> bytes:
+    content = io.BytesIO()
+    figure.savefig(content, format="png")
+    return content.getvalue()
 
 
 def _panels(n: int) -> tuple[Figure, list]:  # type: ignore[type-arg]

@@ -28,13 +28,15 @@ __all__ = ["Telemetry", "read_telemetry"]
 
 Floats = NDArray[np.float64]
 
+_UNIT = 1e-3  # text of three decimals keeps unit length to this
 _FEWEST_DECIMALS = 8  # below, rounding is seen in the angle
+_FARTHEST = 0.005  # of the focal length: the shift that a turn of 1000 arcsec makes
 _SLOWEST_S = 1.0  # step that two clocks are bridged over
 
 
 @dataclass(frozen=True)
 class Telemetry:
-    """A pair's telemetry as read: times from the first row, UTC of that row where known, and what was noticed."""
+    """A pair's telemetry as read: times as in the file or since ``start``, where UTC is known; what was noticed."""
 
     pair: PairTelemetry
     start: np.datetime64 | None
@@ -69,14 +71,12 @@ def read_telemetry(path: str | Path, form: TelemetryFormat) -> Telemetry:
     """
     table, name = read_table(path), Path(path).name
     heads = (form.head_1, form.head_2)
-    wanted = [
-        *form.clocks,
-        *(c for head in heads for c in (*head.quaternion, *(x for pair in head.spots for x in pair))),
-    ]
-    missing = [column for column in wanted if column not in table.columns]
+    missing = [column for column in form.columns if column not in table.columns]
     if missing:
         raise ValueError(f"{name} has no column {', '.join(missing)}; it has {', '.join(map(str, table.columns))}")
     clocks = [_clock(table, column, name) for column in form.clocks]
+    if len({clock.start is None for clock in clocks}) > 1:
+        raise ValueError(f"{name}: columns {' and '.join(form.clocks)} must both hold seconds, or both UTC")
     kept = np.all([np.isfinite(clock.seconds) for clock in clocks], axis=0)
     notes = [f"{np.count_nonzero(~kept)} of {len(table)} rows have no time and are left out."] if not kept.all() else []
     table = table[kept]
@@ -84,17 +84,20 @@ def read_telemetry(path: str | Path, form: TelemetryFormat) -> Telemetry:
     quaternions = np.stack([_columns(table, head.quaternion, name) for head in heads])
     spots = np.stack([_columns(table, [c for xy in head.spots for c in xy], name) for head in heads])
     for t, column in zip(times, form.clocks, strict=True):
-        _check_order(t, f"{name}: column {column!r}")
+        _check_order(t, f"{name}: column {column!r}", table.index.to_numpy() + 1)
+    for k in range(2):
+        _check_head(quaternions[k], spots[k], f"{name}: head {k + 1}", table.index.to_numpy() + 1)
     notes += _remarks(times[0], quaternions, spots)
     if len(times) == 2:
         quaternions[1], spots[1] = _on_first_clock(times, quaternions[1], spots[1], form.convention)
         notes.append("The second head is interpolated to the first one's times, which lowers its noise.")
+    if np.isnan(quaternions).any(axis=(0, 2)).all():
+        raise ValueError(f"{name}: no row has the attitudes of both heads")
     check_design(*quaternions, convention=form.convention, angle_deg=form.design_angle_deg)
     return Telemetry(_pair(form, times[0], quaternions, spots), clocks[0].start, tuple(notes))
 
 
 def _pair(form: TelemetryFormat, time_s: Floats, quaternions: Floats, spots: Floats) -> PairTelemetry:
-    time_s = time_s - time_s[0]
     position = spots.reshape(2, len(time_s), -1, 2)
     first_track = split_tracks(time_s) == 0
     references = []
@@ -103,6 +106,13 @@ def _pair(form: TelemetryFormat, time_s: Floats, quaternions: Floats, spots: Flo
             raise ValueError("no row of the first track shows all spots: give their reference positions")
         references.append(np.array(head.reference) if head.reference else np.nanmean(seen[first_track], axis=0))
     reference = np.stack(references)
+    far = np.argwhere(_typical_shift(position - reference[:, None]) * form.unit_mm > _FARTHEST * form.focal_mm)
+    if far.size:
+        k, spot = far[0] + 1
+        raise ValueError(
+            f"head {k}: spot {spot} is too far from its reference for a drift: check its columns, spot_unit, "
+            "principal and reference"
+        )
     flat_mm = (reference - np.array(form.principal)) * form.unit_mm
     return PairTelemetry(
         time_s=time_s,
@@ -129,13 +139,36 @@ def _columns(table: pd.DataFrame, names: list[str] | tuple[str, ...], file: str)
     return np.where(np.isfinite(values).all(axis=-1, keepdims=True) | (values.shape[-1] != 4), values, np.nan)
 
 
-def _check_order(t: Floats, what: str) -> None:
+def _typical_shift(shifts: Floats) -> Floats:
+    """Median length of the shifts (2, n, m, 2) of each spot, (2, m); 0 where it was never seen."""
+    length = np.linalg.norm(shifts, axis=-1)
+    unseen = np.isnan(length).all(axis=1)
+    return np.where(unseen, 0.0, np.nanmedian(np.where(unseen[:, None], 0.0, length), axis=1))
+
+
+def _check_head(quaternions: Floats, spots: Floats, what: str, rows: NDArray[np.int64]) -> None:
+    length = np.linalg.norm(quaternions, axis=1)
+    if np.isnan(length).all():
+        raise ValueError(f"{what} has no row with a whole quaternion")
+    bad = np.abs(length - 1.0) > _UNIT
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise ValueError(
+            f"{what}: quaternions must have unit length to {_UNIT:g}, but {np.count_nonzero(bad)} of {len(bad)} have "
+            f"not; row {rows[k]} has length {length[k]:.4g}"
+        )
+    seen = np.isfinite(spots.reshape(len(spots), -1, 2)).all(axis=2).sum(axis=1)
+    if seen.max() < 2:
+        raise ValueError(f"{what} has no row with two spots, which a drift takes")
+
+
+def _check_order(t: Floats, what: str, rows: NDArray[np.int64]) -> None:
     late = np.diff(t) <= 0
     if late.any():
         k = int(np.argmax(late)) + 1
         kind = "repeats the time of" if t[k] == t[k - 1] else "is earlier than"
         raise ValueError(
-            f"{what} must increase, but row {k + 1} {kind} the row before; {np.count_nonzero(late)} rows do: "
+            f"{what} must increase, but row {rows[k]} {kind} the row before; {np.count_nonzero(late)} rows do: "
             "sort the file and drop duplicates"
         )
 

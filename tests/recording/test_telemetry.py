@@ -135,7 +135,18 @@ def test_six_decimals_are_warned_of_with_their_cost(example, form, tmp_path):
     [
         (lambda t: t.iloc[::-1], "column 'time' must increase, but row 2 is earlier than the row before; 639 rows do"),
         (lambda t: t.assign(time=[*t.time[:5], t.time[4], *t.time[6:]]), "row 6 repeats the time of the row before"),
-        (lambda t: t.assign(q2_w=2 * t.q2_w), "second must have unit length to 0.001, but 640 of 640 have not"),
+        (
+            lambda t: t.assign(time=[None, *t.time[1:]], q2_w=2 * t.q2_w),
+            "head 2: quaternions must have unit length to 0.001, but 639 of 639 have not; row 2 has length",
+        ),
+        (lambda t: t.assign(time=[None, *t.time[1:5], *t.time[4:-1]]), "row 6 repeats the time of the row before"),
+        (lambda t: t.assign(q1_x=np.nan), "head 1 has no row with a whole quaternion"),
+        (lambda t: t.assign(spot21_x_mm=np.nan), "head 2 has no row with two spots"),
+        (
+            lambda t: t.assign(q1_x=t.q1_x.where(t.index < 9), q2_x=t.q2_x.where(t.index > 9)),
+            "no row has the attitudes of both heads",
+        ),
+        (lambda t: t.assign(spot12_x_mm=t.spot11_x_mm), "head 1: spot 2 is too far from its reference for a drift"),
         (
             lambda t: t.drop(columns=["q1_x", "spot22_y_mm"]),
             "telemetry.csv has no column q1_x, spot22_y_mm; it has time",
@@ -160,6 +171,7 @@ def test_faulty_telemetry_is_named(example, form, tmp_path, change, message):
         ("[head_2]", "[head_3]", r"table \[head_2\] is missing"),
         (", 'q2_w']", "]", r"\[head_2\]: quaternion must name four columns, got 3"),
         ('spot_unit = "mm"', 'spot_unit = "px"', "spot_unit 'px' needs pixel_um"),
+        ("'q2_w'", "'q1_w'", "every column must have one meaning, but q1_w is named twice"),
         ('time = "time"', 'time = ["a", "b", "c"]', "time must name one column, or one for each head, got 3"),
     ],
 )
@@ -180,3 +192,34 @@ def test_a_full_folder_is_left_alone_unless_forced(example, tmp_path):
     assert (tmp_path / "mine.txt").read_text() == "keep"
     with pytest.raises(FileExistsError, match="is not empty"):
         write_telemetry(tmp_path, setting=SHORT)
+
+
+def test_times_in_seconds_come_back_as_they_were(example, form, tmp_path):
+    path = changed(example, tmp_path, lambda table: table.assign(time=1.3e9 + 0.125 * np.arange(len(table))))
+    (tmp_path / "telemetry.toml").write_text(form.to_toml())
+    report = correct_telemetry(path, tmp_path / "out")
+    for name in ("corrected", "angle"):
+        written = pd.read_csv(tmp_path / "out" / f"{name}.csv")["time_s"]
+        np.testing.assert_array_equal(written, 1.3e9 + 0.125 * np.arange(640))
+    assert report.tracks["start"].tolist() == ["1300000000 s"]
+
+
+def test_two_clocks_of_different_kinds_are_refused(example, form, tmp_path):
+    path = changed(example, tmp_path, lambda table: table.assign(t2=np.arange(len(table)) / 8.0))
+    with pytest.raises(ValueError, match="columns time and t2 must both hold seconds, or both UTC"):
+        read_telemetry(path, replace(form, time=("time", "t2")))
+
+
+def test_what_a_file_cannot_tell_is_noted(example, form, tmp_path):
+    path = changed(example, tmp_path, lambda table: table[:10])
+    (tmp_path / "telemetry.toml").write_text(replace(form, spot_unit="um").to_toml())
+    notes = " ".join(correct_telemetry(path, tmp_path / "out").notes)
+    assert "1 of 1 tracks have fewer than 20 angles: no split." in notes
+    assert "Head 2: the spots stand so near to each other that z is lost; is spot_unit right?" in notes
+
+
+def test_a_missing_description_is_named(example, tmp_path):
+    path = changed(example, tmp_path, lambda table: table[:10])
+    with pytest.raises(FileNotFoundError, match=r"no description of the columns at .*telemetry.toml: write one, or"):
+        correct_telemetry(path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
