@@ -26,5 +26,5 @@ def draw():
 
 
 if __name__ == "__main__":
-    ours_s, limit_s = in_turn(lambda: lb.monte_carlo(solve, TRIALS, seed=SEED), draw, rounds=200)
+    ours_s, limit_s = in_turn(lambda: lb.monte_carlo(solve, TRIALS, seed=SEED), draw, rounds=1000)
     report("montecarlo", [within("Fig. 1: 5000 trials x 3 precisions", ours_s, "its random numbers alone", limit_s, 5)])

@@ -37,7 +37,7 @@ def against_rlm(design, y, scale, model, at_least):
         return np.array([fit.fit(conv="coefs", tol=1e-13, maxiter=5000).params for fit in fits])
 
     np.testing.assert_allclose(ours()[:SAMPLE], peer(), rtol=0, atol=1e-8)
-    ours_s, peer_s = in_turn(ours, peer, rounds=12)
+    ours_s, peer_s = in_turn(ours, peer, rounds=25)
     what = f"irls, Huber, {scale}, {ROWS} x {UNKNOWNS}"
     return faster(what, ours_s / SYSTEMS, "statsmodels RLM", peer_s / SAMPLE, at_least)
 

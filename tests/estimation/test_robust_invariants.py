@@ -1,11 +1,15 @@
 """What every regression estimator owes: equivariance, and a batch that is the loop."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import losbench as lb
+from losbench.estimation.robust import iterate
 
 FITS = {
     "least squares": lb.lstsq,
@@ -113,3 +117,31 @@ def test_residuals_are_those_of_the_unknowns():
     a, y, _ = system(9, (6,))
     for fit in (lb.lstsq(a, y), lb.irls(a, y)):
         np.testing.assert_allclose(fit.residuals, np.matvec(a, fit.x) - y, atol=1e-13)
+
+
+@pytest.mark.parametrize("scale", ["std", "mad", 1.0])
+@pytest.mark.parametrize("loss", [lb.Huber(), lb.Bisquare()])
+@pytest.mark.parametrize(("n", "p"), [(6, 1), (12, 3), (20, 5)])
+def test_corrected_steps_settle_where_plain_ones_do_and_sooner(loss, scale, n, p, monkeypatch):
+    rng = np.random.default_rng(n)
+    a, y = rng.standard_normal((300, n, p)), rng.standard_t(2, (300, n))
+    quick = lb.irls(a, y, loss=loss, scale=scale, max_iter=2000, tol=1e-12, on_fail="ignore")
+    monkeypatch.setattr(iterate, "_NEAR", 0.0)
+    plain = lb.irls(a, y, loss=loss, scale=scale, max_iter=2000, tol=1e-12, on_fail="ignore")
+    both = quick.converged & plain.converged
+    assert np.count_nonzero(~quick.converged) <= np.count_nonzero(~plain.converged) <= 3
+    np.testing.assert_allclose(quick.x[both], plain.x[both], rtol=0, atol=1e-8)
+    assert quick.n_iter.mean() < 0.8 * plain.n_iter.mean()
+
+
+@every_fit
+def test_what_is_computed_on_demand_does_not_depend_on_when(name):
+    a, y, _ = system(13, (4,))
+    at_once, later = FITS[name](a, y), FITS[name](a, y)
+    cov, leverage = at_once.cov, at_once.leverage
+    copied = pickle.loads(pickle.dumps(FITS[name](a, y)))
+    a[:] = y[:] = later.residuals[:] = later.scale[:] = later.x[:] = np.nan
+    for fit in (later, copied, replace(copied, loss="another name")):
+        np.testing.assert_array_equal(fit.cov, cov)
+        np.testing.assert_array_equal(fit.leverage, leverage)
+        assert fit.cov is fit.cov

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from losbench.checks import choice, finite, integer, number
 from losbench.estimation.losses import Huber, Loss, psi_deriv
 from losbench.estimation.robust.iterate import Groups, Method, iterate
-from losbench.estimation.robust.problem import Problem, blocks, products, project, read_problem, spd_inverse, unused
+from losbench.estimation.robust.problem import Problem, blocks, gram, read_problem, spd_inverse
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import Scale, ScaleRule
 
@@ -62,12 +64,10 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
         working = np.where(problem.rank < n, np.maximum(spread, problem.floor), np.nan)
     else:
         working = ScaleRule(scale, problem.batch, problem.y_unit)(residuals, np.arange(len(residuals)))
-    with np.errstate(over="ignore", under="ignore"):
-        cov = problem.covariance(working)
     return _result(
         problem,
         z,
-        (residuals, np.broadcast_to(1.0, residuals.shape), working, cov),
+        (residuals, np.broadcast_to(1.0, residuals.shape), working, partial(problem.covariance, working)),
         n_iter=np.zeros(len(z), dtype=np.int64),
         converged=np.ones(len(z), dtype=bool),
         loss="least squares",
@@ -128,7 +128,8 @@ def irls(
 
     Notes
     -----
-    liu2026, eq. (8)-(10), which takes Huber(1.345) and scale="std".
+    liu2026, eq. (8)-(10), which takes Huber(1.345) and scale="std". Close to the solution, the inverse of A'WA is
+    corrected by Broyden's secant instead of made anew, which reaches the same place in about half as many steps.
 
     Examples
     --------
@@ -150,14 +151,15 @@ def irls(
     start = problem.least_squares() if x0 is None else _start(problem, x0)
     with np.errstate(over="ignore", under="ignore"):
         z, n_iter, settled = iterate(problem, method, start)
-        parts = [_finish(problem.part(part), method, z[part], part) for part in blocks(*problem.y.shape)]
-    residuals, weights, working, cov = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        residuals, weights, working = np.empty_like(problem.y), np.empty_like(problem.y), np.empty_like(problem.floor)
+        for part in blocks(*problem.y.shape):
+            residuals[part], weights[part], working[part] = _finish(problem.part(part), method, z[part], part)
     converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
     _report(converged, method.max_iter, on_fail)
     return _result(
         problem,
         z,
-        (residuals, weights, working, cov),
+        (residuals, weights, working, partial(_covariance, problem, method, residuals, working)),
         n_iter=n_iter,
         converged=converged,
         loss=_name(loss),
@@ -166,26 +168,26 @@ def irls(
     )
 
 
-def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[Floats, Floats, Floats, Floats]:
-    """Residuals, weights and scale at coordinates ``z``, scaled, and the covariance in the user's units."""
-    systems = np.arange(part.start, part.start + len(z))
+def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[Floats, Floats, Floats]:
+    """Residuals, weights and scale at coordinates ``z``, scaled."""
     residuals = problem.residuals(z)
-    scale = np.maximum(method.scale(residuals, systems), problem.floor)
-    u = method.scaled(residuals, scale)
-    weights = method.loss.weights(u)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    scale = np.maximum(method.scale(residuals, np.arange(part.start, part.stop)), problem.floor)
+    return residuals, method.loss.weights(method.scaled(residuals, scale)), scale
+
+
+def _covariance(problem: Problem, method: Method, residuals: Floats, scale: Floats) -> Floats:
+    """Covariance in the user's units, from scaled residuals."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        u = method.scaled(residuals, scale)
+        weights = method.loss.weights(u)
         if method.scale.known:
-            inverse = spd_inverse(
-                project(products(problem.basis), weights) + unused(problem.rank, z.shape[1]), z.shape[1]
-            )
+            inverse = spd_inverse(gram(problem.basis, weights, problem.rank), problem.basis.shape[1])
             shape = problem.to_x @ inverse @ np.swapaxes(problem.to_x, 1, 2)
-            cov = shape * ((scale * problem.x_unit) ** 2)[:, None, None]
-        else:
-            slope = psi_deriv(method.loss, u)
-            if method.groups is not None:
-                slope = weights + (slope - weights) / method.groups.sizes
-            cov = problem.covariance(_kappa_size(residuals * weights, slope, problem.rank))
-    return residuals, weights, scale, cov
+            return shape * ((scale * problem.x_unit) ** 2)[:, None, None]
+        slope = psi_deriv(method.loss, u)
+        if method.groups is not None:
+            slope = weights + (slope - weights) / method.groups.sizes
+        return problem.covariance(_kappa_size(residuals * weights, slope, problem.rank))
 
 
 def _kappa_size(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Floats:
@@ -200,29 +202,31 @@ def _kappa_size(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Floats
 def _result(
     problem: Problem,
     z: Floats,
-    found: tuple[Floats, Floats, Floats, Floats],
+    found: tuple[Floats, Floats, Floats, Floats | Callable[[], Floats]],
     *,
     n_iter: NDArray[np.int64],
     converged: NDArray[np.bool_],
     **labels: Any,
 ) -> RobustFit:
-    """From scaled units and a flat batch to the user's; the middle argument as `_finish` gives it."""
+    """From scaled units and a flat batch to the user's, in which the covariance already is.
+
+    Found are residuals, weights, scale and covariance; the last, if a function, waits until somebody asks for it.
+    """
     residuals, weights, scale, cov = found
     count, n = problem.y.shape
     p, batch = z.shape[1], problem.batch
     rank = np.broadcast_to(problem.rank, count)
-    leverage = np.broadcast_to((problem.basis**2).sum(axis=1), (count, n))
     with np.errstate(over="ignore", under="ignore"):
         return RobustFit(
             x=problem.unknowns(z).reshape(*batch, p),
             residuals=(residuals * problem.y_unit[:, None]).reshape(*batch, n),
             weights=weights.reshape(*batch, n),
             scale=(scale * problem.y_unit).reshape(batch),
-            cov=cov.reshape(*batch, p, p),
+            cov=lambda: (cov() if callable(cov) else cov).reshape(*batch, p, p),
             dof=(n - rank).reshape(batch),
             n_iter=n_iter.reshape(batch),
             converged=converged.reshape(batch),
-            leverage=leverage.reshape(*batch, n),
+            leverage=lambda: problem.leverage().reshape(*batch, n),
             rank=rank.reshape(batch),
             **labels,
         )

@@ -1,4 +1,10 @@
-"""The reweighting loop, over a pool of systems that is refilled as they settle."""
+"""The reweighting loop, over a pool of systems that is topped up as they settle.
+
+A plain step is H Q' W r, with H the inverse of Q' W Q: it shrinks the distance to the solution by a constant factor.
+Once that is seen to happen and little distance is left, H is no longer made anew but corrected by what the last step
+did (Broyden, Math. Comp. 19, 577 (1965)). That needs only Q' W r, which is zero at the same places, and the factor
+shrinks from step to step. Where it does not, the next step is a plain one.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.estimation.losses import Loss
-from losbench.estimation.robust.problem import Problem, blocks, combine, products, project, spd_inverse, unused
+from losbench.estimation.robust.problem import Problem, blocks, combine, gram, project, spd_inverse
 from losbench.estimation.robust.scales import ScaleRule
 
 __all__ = ["Groups", "Method", "iterate"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+_NEAR = 0.03  # scales, per root of p: a step this short may be followed by a corrected one that is no longer
 
 
 @dataclass(frozen=True)
@@ -59,94 +67,99 @@ class Method:
 
 
 def iterate(problem: Problem, method: Method, start: Floats) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
-    """Coordinates (B, p) where each system settled, its number of weighted solves, and whether it did settle."""
-    count, p = start.shape
+    """Coordinates (B, p) where each system settled, its number of steps, and whether it did settle."""
+    count = len(start)
     z, n_iter, converged = start.copy(), np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-    queue = _Queue(problem, start)
-    pool = queue.take(count)
-    while pool is not None and len(pool.systems):
-        step, scale = _step(pool, method)
-        pool.z -= step
-        pool.age += 1
-        reach = np.maximum(np.vecdot(pool.z, pool.z), p * scale**2)
-        settled = np.vecdot(step, step) <= method.tol**2 * reach
-        done = settled | (pool.age == method.max_iter)
-        places = np.flatnonzero(done)
-        if len(places):
-            out = pool.systems[places]
-            z[out], n_iter[out], converged[out] = pool.z[places], pool.age[places], settled[places]
-            pool = _refill(pool, places, queue)
+    pool = _Pool(problem, start)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        while len(pool.systems):
+            unit = _advance(pool, method)
+            moved = _dot(pool.step, pool.step)
+            settled = moved <= method.tol**2 * np.maximum(_dot(pool.z, pool.z), unit)
+            done = np.flatnonzero(settled | (pool.age == method.max_iter))
+            if len(done):
+                out = pool.systems[done]
+                z[out], n_iter[out], converged[out] = pool.z[:, done].T, pool.age[done], settled[done]
+                pool.replace(done)
     return z, n_iter, converged
 
 
-def _step(pool: _Pool, method: Method) -> tuple[Floats, Floats]:
-    """One weighted solve: what to subtract from the coordinates (b, p), and the scale (b,) it used."""
-    residuals = combine(pool.z, pool.basis) - pool.y
+def _advance(pool: _Pool, method: Method) -> Floats:
+    """Take one step with every system of the pool; p times the squared scales (b,) it used, by which to judge it."""
+    residuals = combine(pool.z.T, pool.basis)
+    residuals -= pool.y
     scale = np.maximum(method.scale(residuals, pool.systems), pool.floor)
     weights = method.loss.weights(method.scaled(residuals, scale))
-    inverse = spd_inverse(project(pool.products, weights) + pool.unused, pool.z.shape[1])
-    return np.matvec(inverse, project(pool.basis, weights * residuals)), scale
+    residuals *= weights
+    pull = np.ascontiguousarray(project(pool.basis, residuals).T)
+    unit = len(pull) * scale**2
+    plain = np.flatnonzero(~_correct(pool, pull, _NEAR**2 * unit))
+    if len(plain):
+        basis, rank = (pool.basis, pool.rank) if pool.shared else (pool.basis.take(plain, 0), pool.rank.take(plain))
+        inverse = spd_inverse(gram(basis, weights.take(plain, 0), rank), len(pull)).transpose(1, 2, 0)
+        pool.inverse[..., plain] = inverse
+        pool.step[:, plain] = _times(inverse, pull.take(plain, 1))
+    pool.z -= pool.step
+    pool.age += 1
+    return unit
 
 
-@dataclass
+def _correct(pool: _Pool, pull: Floats, near: Floats) -> NDArray[np.bool_]:
+    """Correct inverses by what the last step did, replace that by the next, and tell where this is to be trusted."""
+    last = pool.step
+    length = _dot(last, last)
+    ahead = _times(pool.inverse, pull)
+    pool.step = ahead / (1.0 - _dot(last, ahead) / length)
+    pool.inverse += (pool.step / length)[:, None] * np.einsum("ib,ijb->jb", last, pool.inverse)
+    return (length <= near) & (_dot(pool.step, pool.step) <= length)
+
+
+def _times(matrix: Floats, vector: Floats) -> Floats:
+    return np.einsum("ijb,jb->ib", matrix, vector)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.einsum("ib,ib->b", a, b)
+
+
 class _Pool:
-    """Systems at work; arrays of A lead with 1 where all share one A."""
-
-    systems: Indices  # (b,), their places in the batch
-    age: NDArray[np.int64]  # (b,), weighted solves so far
-    z: Floats  # (b, p)
-    y: Floats  # (b, n)
-    floor: Floats  # (b,)
-    basis: Floats  # (b or 1, p, n)
-    products: Floats  # (b or 1, p (p + 1) / 2, n)
-    unused: Floats  # (b or 1, p (p + 1) / 2)
-
-    def rows(self, which: slice | NDArray[np.bool_]) -> _Pool:
-        """Some of the systems."""
-        count = len(self.systems)
-        return _Pool(*(mine[which] if len(mine) == count else mine for mine in vars(self).values()))
-
-
-class _Queue:
-    """Systems still to come, made ready a block at a time."""
+    """Systems at work: what belongs to their rows has the batch axis first, what steps are made of has it last."""
 
     def __init__(self, problem: Problem, start: Floats) -> None:
-        self._blocks = (_load(problem, start, part) for part in blocks(*problem.y.shape))
-        self._ready = next(self._blocks, None)
+        self._problem, self._start = problem, start
+        first = next(blocks(*problem.y.shape))
+        self._waiting = first.stop  # the first system that was not taken in yet
+        self.shared = len(problem.basis) == 1
+        own = slice(None) if self.shared else first
+        self.basis = problem.basis[own].copy()  # (b or 1, p, n)
+        self.rank = problem.rank[own].copy()  # (b or 1,)
+        self.systems = np.arange(first.stop)  # (b,), their places in the batch
+        self.age = np.zeros(first.stop, dtype=np.int64)  # (b,), steps so far
+        self.y = problem.y[first].copy()  # (b, n)
+        self.floor = problem.floor[first].copy()  # (b,)
+        self.z = start[first].T.copy()  # (p, b)
+        self.step = np.zeros_like(self.z)  # (p, b), the last one
+        self.inverse = np.zeros((len(self.z), *self.z.shape))  # (p, p, b), H
 
-    def take(self, count: int) -> _Pool | None:
-        """Up to ``count`` systems, fewer where a block ends, None where the queue does."""
-        if self._ready is None:
-            return None
-        taken, rest = self._ready.rows(slice(count)), len(self._ready.systems) - count
-        self._ready = self._ready.rows(slice(count, None)) if rest > 0 else next(self._blocks, None)
-        return taken
+    def replace(self, done: Indices) -> None:
+        """Put waiting systems in the places of those that are done; once none is left, close ranks."""
+        fresh = slice(self._waiting, min(self._waiting + len(done), len(self._start)))
+        self._waiting = fresh.stop
+        here, empty = done[: fresh.stop - fresh.start], done[fresh.stop - fresh.start :]
+        if len(here):
+            for name in ("basis", "rank", "y", "floor"):
+                if len(given := getattr(self._problem, name)) > 1:
+                    getattr(self, name)[here] = given[fresh]
+            self.systems[here] = np.arange(fresh.start, fresh.stop)
+            self.age[here] = 0
+            self.z[:, here] = self._start[fresh].T
+            self.step[:, here] = 0.0
+        if len(empty):
+            self._remove(empty)
 
-
-def _load(problem: Problem, start: Floats, part: slice) -> _Pool:
-    some = problem.part(part)
-    return _Pool(
-        systems=np.arange(len(start))[part],
-        age=np.zeros(len(some.y), dtype=np.int64),
-        z=start[part].copy(),
-        y=some.y.copy(),
-        floor=some.floor.copy(),
-        basis=some.basis.copy(),
-        products=products(some.basis),
-        unused=unused(some.rank, start.shape[1]),
-    )
-
-
-def _refill(pool: _Pool, places: Indices, queue: _Queue) -> _Pool:
-    """Put the next systems of the queue in these places; once it is empty, close ranks."""
-    count = len(pool.systems)
-    while len(places) and (fresh := queue.take(len(places))) is not None:
-        here, places = places[: len(fresh.systems)], places[len(fresh.systems) :]
-        for name, mine in vars(pool).items():
-            if len(mine) == count:
-                mine[here] = getattr(fresh, name)
-    if not len(places):
-        return pool
-    keep = np.ones(count, dtype=bool)
-    keep[places] = False
-    return pool.rows(keep)
+    def _remove(self, empty: Indices) -> None:
+        kept = np.delete(np.arange(len(self.systems)), empty)
+        for name in ("systems", "age", "y", "floor", *(() if self.shared else ("basis", "rank"))):
+            setattr(self, name, getattr(self, name)[kept])
+        for name in ("z", "step", "inverse"):
+            setattr(self, name, getattr(self, name)[..., kept])

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import finite
 
-__all__ = ["Problem", "blocks", "combine", "products", "project", "read_problem", "spd_inverse", "unused"]
+__all__ = ["Problem", "blocks", "combine", "gram", "products", "project", "read_problem", "spd_inverse", "unused"]
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +28,8 @@ _SAFE_NORMS = (1e-100, 1e100)
 _BLOCK_ELEMENTS = 2**15  # residuals worked on at once: few enough to stay in the processor's cache
 _NEARLY_PARALLEL = 1e-2  # sine of the angle to earlier columns below which Gram-Schmidt hands over to the SVD
 _NEARLY_SINGULAR = 1e-12  # determinant, relative to the trace to the power p, below which the closed form hands over
+# Cofactors of a packed 3 x 3 matrix: product of the first two elements less that of the others.
+_COFACTORS = np.array([[3, 2, 1, 0, 1, 0], [5, 4, 4, 5, 2, 3], [4, 1, 2, 2, 0, 1], [4, 5, 3, 2, 4, 1]])
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Problem:
 
     def unknowns(self, z: Floats) -> Floats:
         """Unknowns in the user's units at coordinates ``z`` (B, p)."""
-        return combine(z, np.swapaxes(self.to_x, 1, 2)) * self.x_unit[:, None]
+        return _times_unit(combine(z, np.swapaxes(self.to_x, 1, 2)), self.x_unit)
 
     def coordinates(self, x: Floats) -> Floats:
         """Coordinates in the basis of unknowns ``x`` (B, p) in the user's units."""
@@ -61,7 +63,12 @@ class Problem:
 
     def covariance(self, size: Floats) -> Floats:
         """Covariance (B, p, p) in the user's units: (A'A)^-1 times the square of a scaled residual size (B,)."""
-        return (self.to_x @ np.swapaxes(self.to_x, 1, 2)) * ((size * self.x_unit) ** 2)[:, None, None]
+        with np.errstate(over="ignore", under="ignore"):
+            return (self.to_x @ np.swapaxes(self.to_x, 1, 2)) * ((size * self.x_unit) ** 2)[:, None, None]
+
+    def leverage(self) -> Floats:
+        """Diagonals (B, n) of the hat matrices."""
+        return np.broadcast_to((self.basis**2).sum(axis=1), self.y.shape)
 
     def part(self, systems: slice) -> Problem:
         """Some of the systems, as a flat batch."""
@@ -94,10 +101,8 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
     except ValueError:
         raise ValueError(f"A and y must share their batch axes, got {matrix.shape} and {right.shape}") from None
     systems = (1,) if matrix.ndim == 2 else batch
-    columns = np.swapaxes(np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p), 1, 2)
-    columns, column_unit, _ = _in_range(np.ascontiguousarray(columns))
+    basis, to_x, rank, column_unit = _factorised(np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p))
     right, y_unit, size = _in_range(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
-    basis, to_x, rank = _orthonormal(columns)
     middle = np.sqrt(column_unit.min(axis=1)) * np.sqrt(column_unit.max(axis=1))
     with np.errstate(over="ignore", under="ignore"):
         x_unit = y_unit / middle
@@ -118,17 +123,17 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
 def blocks(count: int, n: int) -> Iterator[slice]:
     """Parts of ``count`` systems of ``n`` rows that stay in the processor's cache."""
     size = max(16, _BLOCK_ELEMENTS // n)
-    return (slice(first, first + size) for first in range(0, count, size))
+    return (slice(first, min(first + size, count)) for first in range(0, count, size))
 
 
 def project(rows: Floats, vectors: Floats) -> Floats:
     """Scalar products of (B or 1, k, n) rows with (B, n) vectors: (B, k)."""
-    return vectors @ rows[0].T if len(rows) == 1 else np.matvec(rows, vectors)
+    return vectors @ rows[0].T if len(rows) == 1 else np.einsum("bkn,bn->bk", rows, vectors)
 
 
 def combine(coefficients: Floats, rows: Floats) -> Floats:
     """Sums of (B or 1, k, n) rows times (B, k) coefficients: (B, n)."""
-    return coefficients @ rows[0] if len(rows) == 1 else np.vecmat(coefficients, rows)
+    return coefficients @ rows[0] if len(rows) == 1 else np.einsum("bk,bkn->bn", coefficients, rows)
 
 
 def products(basis: Floats) -> Floats:
@@ -138,6 +143,17 @@ def products(basis: Floats) -> Floats:
     for k, (i, j) in enumerate(combinations_with_replacement(range(p), 2)):
         np.multiply(basis[:, i], basis[:, j], out=pairs[:, k])
     return pairs
+
+
+def gram(basis: Floats, weights: Floats, rank: NDArray[np.int64]) -> Floats:
+    """Q'WQ, packed (B, p (p + 1) / 2), with ones on the diagonal for directions beyond the rank."""
+    p = basis.shape[1]
+    if len(basis) == 1:
+        packed = project(products(basis), weights)
+    else:
+        full = (basis * weights[:, None]) @ np.swapaxes(basis, 1, 2)
+        packed = full.reshape(len(full), p * p).T[_triangle(p)].T
+    return packed if rank.min() == p else packed + unused(rank, p)
 
 
 def unused(rank: NDArray[np.int64], p: int) -> Floats:
@@ -158,10 +174,16 @@ def spd_inverse(packed: Floats, p: int) -> Floats:
         return np.asarray(np.linalg.pinv(packed[:, place], rcond=1e-14, hermitian=True), dtype=np.float64)
     adjugate, determinant, trace = _adjugate(np.ascontiguousarray(packed.T))
     safe = determinant > _NEARLY_SINGULAR * trace**p
-    inverse = (adjugate / np.where(safe, determinant, 1.0)).T[:, place]
+    inverse = (adjugate / np.where(safe, determinant, 1.0))[place].transpose(2, 0, 1)
     if not safe.all():
         inverse[~safe] = np.linalg.pinv(packed[~safe][:, place], rcond=1e-14, hermitian=True)
     return inverse
+
+
+@cache
+def _triangle(p: int) -> NDArray[np.intp]:
+    """Where the packed elements are in a flat (p, p) matrix."""
+    return np.flatnonzero(np.triu(np.ones((p, p))))
 
 
 @cache
@@ -180,58 +202,61 @@ def _adjugate(packed: Floats) -> tuple[Floats, Floats, Floats]:
     if len(packed) == 3:
         a, b, c = packed
         return np.stack([c, -b, a]), a * c - b * b, a + c
-    a, b, c, d, e, f = packed
-    adjugate = np.stack(
-        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b],
-    )
-    return adjugate, a * adjugate[0] + b * adjugate[1] + c * adjugate[2], a + d + f
+    first, second, third, fourth = packed[_COFACTORS]
+    adjugate = first * second - third * fourth
+    return adjugate, np.einsum("ib,ib->b", packed[:3], adjugate[:3]), packed[0] + packed[3] + packed[5]
+
+
+def _times_unit(values: Floats, unit: Floats) -> Floats:
+    """Values (B, k) times units (B,), which are nearly always 1."""
+    return values if (unit == 1.0).all() else values * unit[:, None]
 
 
 def _in_range(rows: Floats) -> tuple[Floats, Floats, Floats]:
     """Rows (..., n) over a power of two that keeps their squares in range, that unit, and their norm in it."""
     with np.errstate(over="ignore", under="ignore"):
         norm = np.sqrt(np.vecdot(rows, rows))
-    if ((norm > _SAFE_NORMS[0]) & (norm < _SAFE_NORMS[1])).all():
+    if _SAFE_NORMS[0] < norm.min() and norm.max() < _SAFE_NORMS[1]:
         return rows, np.ones(rows.shape[:-1]), norm
     unit = np.ldexp(1.0, np.clip(np.frexp(np.abs(rows).max(axis=-1))[1], -1000, 1000))
     rows = rows / unit[..., None]
     return rows, unit, np.sqrt(np.vecdot(rows, rows))
 
 
-def _orthonormal(columns: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Basis, map to the unknowns and rank of columns (B, p, n)."""
-    count, p, n = columns.shape
-    if p > _CLOSED_FORM_COLUMNS:
-        return _by_svd(columns)
-    basis, to_x, rank = np.empty_like(columns), np.empty((count, p, p)), np.full(count, p)
+def _factorised(matrix: Floats) -> tuple[Floats, Floats, NDArray[np.int64], Floats]:
+    """Basis, map to the unknowns over the units of columns, rank, and those units (B, p), of matrices (B, n, p)."""
+    count, n, p = matrix.shape
+    basis, to_x = np.empty((count, p, n)), np.empty((count, p, p))
+    rank, unit = np.full(count, p), np.empty((count, p))
     for part in blocks(count, n):
-        basis[part], to_x[part], safe = _by_gram_schmidt(columns[part])
+        columns, unit[part], norm = _in_range(np.ascontiguousarray(np.swapaxes(matrix[part], 1, 2)))
+        if p > _CLOSED_FORM_COLUMNS:
+            basis[part], to_x[part], rank[part] = _by_svd(columns)
+            continue
+        basis[part], to_x[part], safe = _by_gram_schmidt(columns, norm)
         if not safe.all():
             wrong = part.start + np.flatnonzero(~safe)
-            basis[wrong], to_x[wrong], rank[wrong] = _by_svd(columns[wrong])
-    return basis, to_x, rank
+            basis[wrong], to_x[wrong], rank[wrong] = _by_svd(columns[~safe])
+    return basis, to_x, rank, unit
 
 
-def _by_gram_schmidt(columns: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Modified Gram-Schmidt, in which the inverse of R grows along with Q."""
-    count, p, _ = columns.shape
-    basis = np.empty_like(columns)
-    to_x = np.zeros((count, p, p))
+def _by_gram_schmidt(columns: Floats, norm: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Modified Gram-Schmidt on the columns of A with those of the identity below them, where the inverse of R grows."""
+    count, p, n = columns.shape
+    work = np.empty((p, n + p, count))  # the batch axis last: many times faster along short columns
+    work[:, :n], work[:, n:] = columns.transpose(1, 2, 0), np.eye(p)[..., None]
     safe = np.ones(count, dtype=bool)
-    for j in range(p):
-        vector = columns[:, j]
-        to_x[:, j, j] = 1.0
-        length = np.sqrt(np.vecdot(vector, vector))
-        for i in range(j):
-            part = np.vecdot(basis[:, i], vector)[:, None]
-            vector = vector - part * basis[:, i]
-            to_x[:, :, j] -= part * to_x[:, :, i]
-        rest = np.sqrt(np.vecdot(vector, vector))
-        safe &= rest > _NEARLY_PARALLEL * length
-        rest = np.where(safe, rest, 1.0)[:, None]
-        np.divide(vector, rest, out=basis[:, j])
-        to_x[:, :, j] /= rest
-    return basis, to_x, safe
+    for j, vector in enumerate(work):
+        rest = np.sqrt(_dot(vector[:n], vector[:n]))
+        safe &= rest > _NEARLY_PARALLEL * norm[:, j]
+        vector /= np.where(safe, rest, 1.0)
+        for later in work[j + 1 :]:
+            later -= _dot(vector[:n], later[:n]) * vector
+    return work[:, :n].transpose(2, 0, 1), work[:, n:].transpose(2, 1, 0), safe
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.einsum("nb,nb->b", a, b)
 
 
 def _by_svd(columns: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,29 @@ Floats = NDArray[np.float64]
 _ROWS_SHOWN = 10
 
 
-@dataclass(frozen=True, repr=False)
+class OnDemand:
+    """Field of a frozen dataclass that may be given as a function, which is then called at first use."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Any: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> Floats: ...
+    def __get__(self, instance: object | None, owner: type) -> Any:
+        if instance is None:
+            raise AttributeError(self._name)  # to the dataclass: there is no default
+        value = vars(instance)[self._name]
+        if callable(value):
+            value = vars(instance)[self._name] = value()
+        return value
+
+    def __set__(self, instance: object, value: Floats | Callable[[], Floats]) -> None:
+        vars(instance)[self._name] = value
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
 class RobustFit:
     """Result of `lstsq` or `irls`; batch axes (...) lead, and are absent for a single system.
 
@@ -37,7 +61,7 @@ class RobustFit:
     dof : (...) int array
         Redundancy n - rank.
     n_iter : (...) int array
-        Weighted solves; 0 for least squares.
+        Steps of the iteration; 0 for least squares.
     converged : (...) bool array
         Whether the iteration settled, with enough rows of non-zero weight left.
     leverage : (..., n) array
@@ -56,15 +80,19 @@ class RobustFit:
     residuals: Floats
     weights: Floats
     scale: Floats
-    cov: Floats
+    cov: OnDemand = OnDemand()
     dof: NDArray[np.int64]
     n_iter: NDArray[np.int64]
     converged: NDArray[np.bool_]
-    leverage: Floats
+    leverage: OnDemand = OnDemand()
     rank: NDArray[np.int64]
     loss: str
     scale_method: str
     group: NDArray[np.intp] | None = field(default=None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What copies and pickles hold: arrays, not ways to compute them."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @property
     def std_error(self) -> Floats:

@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 Scale = str | float | ArrayLike | Callable[[Floats], ArrayLike]
 
 MAD_TO_SIGMA = 0.6744897501960817  # upper quartile of the standard normal distribution
+_CANCELLED = 1e-3  # share of the mean square below which a variance is not to be had by subtraction
 
 
 def _median_absolute(residuals: Floats) -> Floats:
@@ -33,6 +34,10 @@ def _rms(residuals: Floats) -> Floats:
 def _std(residuals: Floats) -> Floats:
     size = residuals.shape[-1]
     mean = residuals @ np.full(size, 1.0 / size)  # many times faster than .mean() along a short axis
+    square = np.vecdot(residuals, residuals) / size
+    variance = square - mean**2
+    if (variance > _CANCELLED * square).all():
+        return np.sqrt(variance)
     return _rms(residuals - mean[..., None])
 
 
