@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,7 +21,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     options = _parser().parse_args(arguments)
     try:
-        return int(options.run(options))
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print(f"losbench {options.command}: {message}", file=sys.stderr)
+            return int(options.run(options))
     except (ValueError, OSError, ImportError) as error:
         print(f"losbench {options.command}: {error}", file=sys.stderr)
         return 2
