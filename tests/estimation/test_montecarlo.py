@@ -104,3 +104,12 @@ def test_progress_is_shown_when_asked_for(capsys):
 def test_bad_input_is_refused_by_name(change, error, message):
     with pytest.raises(error, match=message):
         lb.monte_carlo(**({"trial": throw, "n": 12, "seed": 0, "chunk": 10} | change))
+
+
+def test_a_dask_client_gives_the_same_bits():
+    distributed = pytest.importorskip("distributed", reason="distributed is missing: pip install losbench[cluster]")
+    with distributed.Client(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as client:
+        together = lb.monte_carlo(throw, 700, seed=3, chunk=300, executor=client.get_executor())
+    alone = lb.monte_carlo(throw, 700, seed=3, chunk=300)
+    for name, values in alone.items():
+        np.testing.assert_array_equal(together[name], values)
