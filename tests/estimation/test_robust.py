@@ -86,6 +86,38 @@ def test_a_batch_agrees_with_statsmodels(scale, model, n, p):
         np.testing.assert_allclose(ours.weights[i], theirs.weights, rtol=0, atol=1e-8)
 
 
+def test_leverage_as_the_gnu_scientific_library():
+    fit = lb.irls(A, Y, leverage=True, **EXACT)
+    np.testing.assert_allclose(fit.x, [-41.34693336, 0.815330852, 0.9996681733, -0.1315225194], atol=1e-8)
+    judged = np.abs(fit.residuals) / np.sqrt(1 - fit.leverage)
+    assert fit.scale == pytest.approx(np.median(np.sort(judged)[3:]) / 0.6745, rel=1e-9)
+    np.testing.assert_allclose(fit.weights, np.minimum(1, 1.345 * fit.scale / judged), rtol=1e-9)
+
+
+def test_leverage_in_a_batch_is_that_of_each_system():
+    rng = np.random.default_rng(12)
+    design, y = rng.standard_normal((3, 4, 15, 3)), rng.standard_t(2, (3, 4, 15))
+    design[..., 0, :] *= 20.0
+    options = EXACT | {"leverage": True, "group": np.arange(15) // 3}
+    for scale in ("mad", "std", 0.8):
+        whole = lb.irls(design, y, scale=scale, **options)
+        for i, j in np.ndindex(3, 4):
+            single = lb.irls(design[i, j], y[i, j], scale=scale, **options)
+            np.testing.assert_allclose(whole.x[i, j], single.x, rtol=1e-8)
+            np.testing.assert_allclose(whole.cov[i, j], single.cov, rtol=1e-6)
+    shared = lb.irls(design[0, 0], y, leverage=True, **EXACT)
+    np.testing.assert_allclose(shared.x[2, 1], lb.irls(design[0, 0], y[2, 1], leverage=True, **EXACT).x, rtol=1e-8)
+
+
+def test_a_row_that_fixes_an_unknown_alone_is_no_division_by_zero():
+    design = np.column_stack([np.ones(8), np.eye(8)[:, 0]])
+    fit = lb.irls(design, np.arange(8.0), leverage=True)
+    assert np.isfinite(fit.x).all()
+    assert np.isfinite(fit.weights).all()
+    with pytest.raises(ValueError, match="leverage must be True or False, got 'yes'"):
+        lb.irls(design, np.arange(8.0), leverage="yes")
+
+
 def test_a_norm_of_statsmodels_serves_as_loss():
     ours, theirs = (lb.irls(A, Y, loss=loss) for loss in (lb.Bisquare(4.685), norms.TukeyBiweight(4.685)))
     np.testing.assert_allclose(ours.x, theirs.x, rtol=1e-12)

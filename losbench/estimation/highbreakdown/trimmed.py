@@ -12,7 +12,7 @@ from scipy.special import gammainc, gammaincinv
 from losbench.checks import integer
 from losbench.estimation.highbreakdown.mscale import MScale
 from losbench.estimation.highbreakdown.search import EXHAUSTIVE, Random, Search, Subsets, Units, chunks, generator
-from losbench.estimation.robust.fit import _result
+from losbench.estimation.robust.fit import as_fit
 from losbench.estimation.robust.problem import read_problem
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import ScaleRule
@@ -107,7 +107,7 @@ def lts(
         parts.append(_reweighted(search, z, units, given, h=h, survive=count - max(h, majority)))
     z, weights, working, cov = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     z += start
-    return _result(
+    return as_fit(
         problem,
         z,
         (problem.residuals(z), weights, working, cov),

@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from losbench.checks import choice, finite, integer, number
+from losbench.checks import boolean, choice, finite, integer, number
 from losbench.estimation.losses import Huber, Loss, psi_deriv
 from losbench.estimation.robust.iterate import Groups, Method, iterate
 from losbench.estimation.robust.problem import Problem, blocks, gram, read_problem, spd_inverse
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import Scale, ScaleRule
 
-__all__ = ["irls", "lstsq"]
+__all__ = ["as_fit", "irls", "lstsq"]
 
 Floats = NDArray[np.float64]
+
+_GREATEST_LEVERAGE = 0.9999
 
 
 def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None) -> RobustFit:
@@ -64,7 +66,7 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
         working = np.where(problem.rank < n, np.maximum(spread, problem.floor), np.nan)
     else:
         working = ScaleRule(scale, problem.batch, problem.y_unit)(residuals, np.arange(len(residuals)))
-    return _result(
+    return as_fit(
         problem,
         z,
         (residuals, np.broadcast_to(1.0, residuals.shape), working, partial(problem.covariance, working)),
@@ -82,6 +84,7 @@ def irls(
     loss: Loss = Huber(1.345),  # noqa: B008 - frozen
     scale: Scale = "mad",
     group: ArrayLike | None = None,
+    leverage: bool = False,
     x0: ArrayLike | None = None,
     max_iter: int = 100,
     tol: float = 1e-10,
@@ -104,6 +107,9 @@ def irls(
     group : (n,) labels, optional
         Rows with the same label share one weight (the x and y of a spot): u is then the root mean square of the
         group's residuals over the scale, which stays that of a single row.
+    leverage : bool
+        Judge residuals over sqrt(1 - h), h being the leverage of their row, at most 0.9999, as GSL and MATLAB's
+        robustfit do; "mad" is then the median of what is left without the p - 1 smallest of them, over 0.6745.
     x0 : (p,) or (..., p) array, optional
         Start; least squares otherwise. It matters for losses that redescend.
     max_iter, tol : int, float
@@ -140,12 +146,15 @@ def irls(
     array([False, False,  True, False, False])
     """
     problem = read_problem(A, y)
+    adjusted = boolean("leverage", leverage)
+    dropped = max(int(problem.rank.max()) - 1, 0) if adjusted else None
     method = Method(
         _checked_loss(loss),
-        ScaleRule(scale, problem.batch, problem.y_unit),
+        ScaleRule(scale, problem.batch, problem.y_unit, dropped=dropped),
         None if group is None else Groups.read(group, problem.y.shape[1]),
         integer("max_iter", max_iter, low=1),
         number("tol", tol, low=0.0),
+        1.0 / np.sqrt(1.0 - np.minimum((problem.basis**2).sum(axis=1), _GREATEST_LEVERAGE)) if adjusted else None,
     )
     choice("on_fail", on_fail, ("warn", "raise", "ignore"))
     start = problem.least_squares() if x0 is None else _start(problem, x0)
@@ -156,7 +165,7 @@ def irls(
             residuals[part], weights[part], working[part] = _finish(problem.part(part), method, z[part], part)
     converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
     _report(converged, method.max_iter, on_fail)
-    return _result(
+    return as_fit(
         problem,
         z,
         (residuals, weights, working, partial(_covariance, problem, method, residuals, working)),
@@ -170,15 +179,16 @@ def irls(
 
 def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[Floats, Floats, Floats]:
     """Residuals, weights and scale at coordinates ``z``, scaled."""
-    residuals = problem.residuals(z)
-    scale = np.maximum(method.scale(residuals, np.arange(part.start, part.stop)), problem.floor)
-    return residuals, method.loss.weights(method.scaled(residuals, scale)), scale
+    residuals, systems = problem.residuals(z), np.arange(part.start, part.start + len(z))
+    judged = method.judged(residuals, systems)
+    scale = np.maximum(method.scale(judged, systems), problem.floor)
+    return residuals, method.loss.weights(method.scaled(judged, scale)), scale
 
 
 def _covariance(problem: Problem, method: Method, residuals: Floats, scale: Floats) -> Floats:
     """Covariance in the user's units, from scaled residuals."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
-        u = method.scaled(residuals, scale)
+        u = method.scaled(method.judged(residuals, np.arange(len(residuals))), scale)
         weights = method.loss.weights(u)
         if method.scale.known:
             inverse = spd_inverse(gram(problem.basis, weights, problem.rank), problem.basis.shape[1])
@@ -199,7 +209,7 @@ def _kappa_size(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Floats
     return np.where(rank < n, np.sqrt(np.vecdot(pulls, pulls) / (n - rank)) * kappa / mean, np.nan)
 
 
-def _result(
+def as_fit(
     problem: Problem,
     z: Floats,
     found: tuple[Floats, Floats, Floats, Floats | Callable[[], Floats]],

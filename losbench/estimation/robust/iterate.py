@@ -59,6 +59,13 @@ class Method:
     groups: Groups | None
     max_iter: int
     tol: float
+    stretch: Floats | None = None  # (B or 1, n), what residuals are multiplied by before they are judged
+
+    def judged(self, residuals: Floats, systems: Indices) -> Floats:
+        """Residuals (b, n) of these systems as scale and loss see them: adjusted for leverage, if that is asked for."""
+        if self.stretch is None:
+            return residuals
+        return residuals * (self.stretch if len(self.stretch) == 1 else self.stretch[systems])
 
     def scaled(self, residuals: Floats, scale: Floats) -> Floats:
         """What the loss sees of each row, (b, n)."""
@@ -88,8 +95,9 @@ def _advance(pool: _Pool, method: Method) -> Floats:
     """Take one step with every system of the pool; p times the squared scales (b,) it used, by which to judge it."""
     residuals = combine(pool.z.T, pool.basis)
     residuals -= pool.y
-    scale = np.maximum(method.scale(residuals, pool.systems), pool.floor)
-    weights = method.loss.weights(method.scaled(residuals, scale))
+    judged = method.judged(residuals, pool.systems)
+    scale = np.maximum(method.scale(judged, pool.systems), pool.floor)
+    weights = method.loss.weights(method.scaled(judged, scale))
     residuals *= weights
     pull = np.ascontiguousarray(project(pool.basis, residuals).T)
     unit = len(pull) * scale**2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,12 @@ def _median_absolute(residuals: Floats) -> Floats:
     upper = ordered[..., half]
     median = upper if size % 2 else 0.5 * (upper + ordered[..., :half].max(axis=-1))
     return median / MAD_TO_SIGMA
+
+
+def _median_of_rest(residuals: Floats, dropped: int) -> Floats:
+    """Median absolute residual of those left without the smallest, over 0.6745, as GSL and robustfit have it."""
+    ordered = np.sort(np.abs(residuals), axis=-1)
+    return np.median(ordered[..., dropped:], axis=-1) / 0.6745
 
 
 def _rms(residuals: Floats) -> Floats:
@@ -65,15 +72,19 @@ class ScaleRule:
         Batch shape of the systems.
     unit : (B,) array
         Working unit of each system; known scales and callables speak the user's.
+    dropped : int, optional
+        Number of the smallest residuals that "mad" leaves out, where residuals are adjusted for leverage.
     """
 
-    def __init__(self, scale: Scale, batch: tuple[int, ...], unit: Floats) -> None:
+    def __init__(self, scale: Scale, batch: tuple[int, ...], unit: Floats, *, dropped: int | None = None) -> None:
         self._unit = unit
         self._known: Floats | None = None
         self._call: Callable[[Floats], ArrayLike] | None = None
         if isinstance(scale, str):
             self._named = _NAMED[choice("scale", scale, _NAMED)]
             self.name = scale
+            if scale == "mad" and dropped is not None:
+                self._named = partial(_median_of_rest, dropped=dropped)
         elif callable(scale):
             self._call = scale
             self.name = getattr(scale, "__name__", type(scale).__name__)
