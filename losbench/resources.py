@@ -47,7 +47,8 @@ def write_whole(path: Path, content: str | bytes) -> None:
 def free_folder(out: str | Path, *, force: bool) -> Path:
     """Return ``out`` as a folder to write to; ``FileExistsError`` if it holds anything, unless forced.
 
-    The folder is made with its first file. Forcing replaces the files that are written, one by one; nothing else in the folder is touched.
+    The folder is made with its first file. Forcing replaces the files that are written, one by one; nothing else in
+    the folder is touched.
     """
     folder = Path(out)
     if folder.exists() and not folder.is_dir():
