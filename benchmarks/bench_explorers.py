@@ -6,6 +6,7 @@ has been decoded and the next frame of the screen begins.
 
 import argparse
 import csv
+import os
 import statistics
 import sys
 import tempfile
@@ -23,6 +24,7 @@ from explorer_page import ExplorerPage  # noqa: E402
 from lab import CHROMIUM, WHY_NOT, chromium, jupyterlab, notebook  # noqa: E402
 
 from losbench.workbench import explorers  # noqa: E402
+from losbench.workbench.explorers.controls import LogSlider, Slider  # noqa: E402
 
 REFERENCE = '''
 import numpy as np
@@ -90,7 +92,7 @@ LINE = (
     "  {pictures_per_s:4.1f} pictures/s (plain {plain_pictures_per_s:.1f}, at least {least_pictures_per_s:g})"
     "  last move to picture {last_move_to_picture_ms:3.0f} ms (at most 200): {verdict}"
 )
-KEYS, ROUNDS = 10, 3
+KEYS, ROUNDS, FINE = 10, 3, 40
 QUIET_MS = 700
 DRAG_S = 1.5
 
@@ -113,10 +115,12 @@ class Row:
 
 
 def latencies(page: Any, handle: Any) -> list[float]:
-    """Press keys, one at a time, there and back; return the time from key to picture of each."""
+    """Press keys, one at a time, away from the nearer end and back; return the time from key to picture of each."""
     found = []
     handle.focus()
-    for key in ["ArrowRight"] * (KEYS // 2) + ["ArrowLeft"] * (KEYS // 2):
+    place, low, high = (float(handle.get_attribute(f"aria-value{name}")) for name in ("now", "min", "max"))
+    away, back = ("ArrowRight", "ArrowLeft") if place < (low + high) / 2 else ("ArrowLeft", "ArrowRight")
+    for key in [away] * (KEYS // 2) + [back] * (KEYS // 2):
         page.evaluate("() => { window.seen.moves.length = window.seen.pictures.length = 0; }")
         page.keyboard.press(key)
         page.wait_for_function("() => window.seen.pictures.length > 0", timeout=20_000, polling=10)
@@ -140,6 +144,14 @@ def dragged(page: Any, drag: Callable[[], None]) -> tuple[float, float]:
     return 1e3 * during / (last - first), seen["pictures"][-1] - last
 
 
+def first_fine_slider(name: str) -> int:
+    """Number of the first slider with enough values for a drag to ask for many pictures."""
+    controls = getattr(explorers, name).controls.values() if name != "Reference" else []
+    sliders = [control for control in controls if isinstance(control, Slider | LogSlider)]
+    fine = [isinstance(each, LogSlider) or (each.high - each.low) / each.step >= FINE for each in sliders]
+    return fine.index(True) if fine else 0
+
+
 def measure(lab: Any, page: Any, name: str) -> Row:
     """Measure the explorer and its twin in turns."""
     lab.open(page, f"{name}.ipynb")
@@ -150,14 +162,15 @@ def measure(lab: Any, page: Any, name: str) -> Row:
     page.evaluate(WATCH)
     page.wait_for_timeout(QUIET_MS)
     plain = ExplorerPage(page, box=twin)
+    number = first_fine_slider(name)
     times: list[list[float]] = [[], []]
     drags: list[list[tuple[float, float]]] = [[], []]
     for _ in range(ROUNDS):
         for place, each in enumerate((ours, plain)):
-            times[place] += latencies(page, each.slider(0)[0])
+            times[place] += latencies(page, each.slider(number)[0])
     for _ in range(ROUNDS):
         for place, each in enumerate((ours, plain)):
-            drags[place].append(dragged(page, lambda each=each: each.drag(0, seconds=DRAG_S)))
+            drags[place].append(dragged(page, lambda each=each: each.drag(number, seconds=DRAG_S)))
             page.keyboard.press("Home")
             page.wait_for_timeout(2 * QUIET_MS)
     median, other = (statistics.median(each) for each in times)
@@ -197,6 +210,7 @@ def main() -> None:
                 rows.append(measure(lab, context.new_page(), name))
             lab.delete_sessions()
             print(LINE.format(**asdict(rows[-1])), flush=True)
+    print(f"load of the machine in the last minutes: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
     if options.save:
         with (HERE / "baselines" / "explorers.csv").open("w", newline="") as file:
             table = csv.DictWriter(file, list(asdict(rows[0])), lineterminator="\n")

@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 _SIZE = 61
 _TRUTH = np.array([30.31, 29.83])
 _HOT = (34, 27)
-_FRAMES = 40
-_PHASES = np.linspace(-0.5, 0.5, 21)
+_FRAMES = 30
+_PHASES = np.linspace(-0.5, 0.5, 17)
 _TURN = np.linspace(0.0, 2.0 * np.pi, 73)
 _METHODS: dict[str, dict[str, Any]] = {
     "EIWA, Newton": {"method": "eiwa"},
@@ -149,7 +149,7 @@ class CentroidExplorer(Explorer):
         distance = np.maximum(np.linalg.norm(path - _TRUTH, axis=1), 1e-5)
         self._trace.set_data(np.arange(len(path)), distance)
         self._predicted.set_ydata([np.hypot(*sigma[0])] * 2)
-        self._axes["trace"].set_xlim(-0.3, round_up(len(path), least=5.0))
+        self._axes["trace"].set_xlim(-0.3, round_up(len(path), least=10.0))
         self._s_curve.set_data(_PHASES, 1e3 * s_curve)
         high = round_up(1e3 * s_curve, least=0.1)
         self._axes["s_curve"].set_ylim(-high, high)

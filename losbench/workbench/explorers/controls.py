@@ -13,7 +13,7 @@ from losbench.checks import integer, number
 
 __all__ = ["Choice", "Control", "Field", "LogSlider", "Slider", "numbers", "whole_number"]
 
-_ROUND = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+_ROUND = (1, 1.1, 1.2, 1.4, 1.6, 1.8, 2, 2.2, 2.5, 2.8, 3, 3.5, 4, 4.5, 5, 5.5, 6, 7, 8, 9)
 _WIDTHS = {"style": {"description_width": "195px"}, "layout": {"width": "412px"}}
 
 
@@ -70,7 +70,7 @@ class Slider:
 
 @dataclass(frozen=True)
 class LogSlider:
-    """A positive number from ``low`` to ``high`` in about equal ratios, ten round numbers in a factor of ten."""
+    """A positive number from ``low`` to ``high`` in about equal ratios, twenty round numbers in a factor of ten."""
 
     label: str
     value: float

@@ -69,7 +69,8 @@ class MonteCarloExplorer(Explorer):
             self._lines[k].set_ydata(errors[::_THINNED, k])
             for band, sign in zip(self._bands[2 * k : 2 * k + 2], (-1.0, 1.0), strict=True):
                 band.set_ydata([sign * closed[k]] * 2)
-            limit = round_up(4.2 * closed[k])
+            # In two steps, so that a change of precision meets the limits of all axes at once, and seldom.
+            limit = round_up(setting["precision_px"]) * round_up(4.2 * closed[k] / setting["precision_px"])
             axes.set_ylim(-limit, limit)
         rows = {"RMS": run.sigma_arcsec[0], "peak": run.peak_arcsec[0], "one sigma, closed form": closed}
         return {f"{name} X · Y · Z (″)": " · ".join(f"{v:.3g}" for v in values) for name, values in rows.items()}
