@@ -24,6 +24,7 @@ from explorer_page import ExplorerPage  # noqa: E402
 from lab import CHROMIUM, WHY_NOT, chromium, jupyterlab, notebook  # noqa: E402
 
 from losbench.workbench import explorers  # noqa: E402
+from losbench.workbench.explorers import lab as scenes  # noqa: E402
 from losbench.workbench.explorers.controls import LogSlider, Slider  # noqa: E402
 
 REFERENCE = '''
@@ -57,7 +58,8 @@ class Reference(Explorer):
 
 Kind = Reference
 '''
-IMPORT = "from losbench.workbench.explorers import {0} as Kind"
+IMPORT = "from {0.__module__} import {0.__name__} as Kind"
+KINDS = {name: getattr(room, name) for room in (explorers, scenes) for name in room.__all__}
 TWIN = """
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -146,7 +148,7 @@ def dragged(page: Any, drag: Callable[[], None]) -> tuple[float, float]:
 
 def first_fine_slider(name: str) -> int:
     """Number of the first slider with enough values for a drag to ask for many pictures."""
-    controls = getattr(explorers, name).controls.values() if name != "Reference" else []
+    controls = KINDS[name].controls.values() if name != "Reference" else []
     sliders = [control for control in controls if isinstance(control, Slider | LogSlider)]
     fine = [isinstance(each, LogSlider) or (each.high - each.low) / each.step >= FINE for each in sliders]
     return fine.index(True) if fine else 0
@@ -199,11 +201,11 @@ def main() -> None:
     options = parser.parse_args()
     if CHROMIUM is None:
         sys.exit(print(WHY_NOT))
-    names = options.names or ["Reference", *explorers.__all__]
+    names = options.names or ["Reference", *KINDS]
     rows = []
     with tempfile.TemporaryDirectory() as folder, chromium() as browser, jupyterlab(Path(folder)) as lab:
         for name in names:
-            kind = REFERENCE if name == "Reference" else IMPORT.format(name)
+            kind = REFERENCE if name == "Reference" else IMPORT.format(KINDS[name])
             nbformat.write(notebook(kind, "Kind()", TWIN), Path(folder) / f"{name}.ipynb")
         for name in names:
             with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
