@@ -94,7 +94,7 @@ LINE = (
     "  {pictures_per_s:4.1f} pictures/s (plain {plain_pictures_per_s:.1f}, at least {least_pictures_per_s:g})"
     "  last move to picture {last_move_to_picture_ms:3.0f} ms (at most 200): {verdict}"
 )
-KEYS, ROUNDS, FINE = 10, 3, 40
+KEYS, ROUNDS, FINE = 10, 3, 60
 QUIET_MS = 700
 DRAG_S = 1.5
 
