@@ -147,11 +147,11 @@ def dragged(page: Any, drag: Callable[[], None]) -> tuple[float, float]:
 
 
 def first_fine_slider(name: str) -> int:
-    """Number of the first slider with enough values for a drag to ask for many pictures."""
-    controls = KINDS[name].controls.values() if name != "Reference" else []
+    """Number of the first slider with enough values for a drag to ask for many pictures; every explorer has one."""
+    controls = KINDS[name].controls.values() if name != "Reference" else [Slider("phase", 0, 0, 360, 2)]
     sliders = [control for control in controls if isinstance(control, Slider | LogSlider)]
     fine = [isinstance(each, LogSlider) or (each.high - each.low) / each.step >= FINE for each in sliders]
-    return fine.index(True) if fine else 0
+    return fine.index(True)
 
 
 def measure(lab: Any, page: Any, name: str) -> Row:

@@ -59,13 +59,12 @@ class ExplorerPage:
         return self.box.locator(".widget-text", has_text=label).locator("input")
 
     def drag(self, number: int, *, across: float = 0.6, steps: int = 60, seconds: float = 1.5) -> None:
-        """Drag a slider by mouse over a part of its track, there and half the way back."""
+        """Drag a slider by mouse over a part of its track, away from the nearer end."""
         handle, _ = self.slider(number)
         handle.scroll_into_view_if_needed()
         box = handle.bounding_box()
         track = self.box.locator(".noUi-target").nth(number).bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-        # Away from the nearer end, so that there is room.
         direction = 1 if x < track["x"] + track["width"] / 2 else -1
         self.page.mouse.move(x, y)
         self.page.mouse.down()

@@ -33,6 +33,7 @@ class MMActs(Explorer):
     controls: ClassVar[dict[str, Control]] = {
         "act": Slider("act", 1, 1, 3, 1),
         "bad": Slider("bad points", 7, 0, 10, 1),
+        "level": Slider("their level", 2.0, -5.0, 20.0, 0.25),
         "seed": Field("seed", 0, whole_number),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {"act 2": {"act": 2}, "act 3": {"act": 3}}
@@ -66,9 +67,9 @@ class MMActs(Explorer):
             self._bad_weights,
         ]
 
-    def update(self, *, act: int, bad: int, seed: int) -> Mapping[str, str]:
+    def update(self, *, act: int, bad: int, level: float, seed: int) -> Mapping[str, str]:
         """Play as far as this act."""
-        x, y, lifted = _data(bad, seed)
+        x, y, lifted = _data(bad, level, seed)
         fit = mm(design(x), y, efficiency=0.95 if act == 3 else _S_EFFICIENCY, on_fail="ignore")
         pairs = np.array(list(combinations(range(_COUNT), 2)))
         slope = np.diff(y[pairs], axis=1)[:, 0] / np.diff(x[pairs], axis=1)[:, 0]
@@ -95,21 +96,21 @@ class MMActs(Explorer):
             "efficiency of this act": "95 %" if act == 3 else "29 %",
         }
 
-    def code(self, *, act: int, bad: int, seed: int) -> str:
+    def code(self, *, act: int, bad: int, level: float, seed: int) -> str:
         """Return the fit of this act; one of 28.7 % is the S-estimate itself."""
         return HEAD.format(seed=seed, count=_COUNT) + (
-            f"y[{_COUNT - bad}:] = 2.0 + {0.3} * rng.standard_normal({bad})\n"
+            f"y[{_COUNT - bad}:] = {level} + 0.3 * rng.standard_normal({bad})\n"
             "A = np.column_stack([np.ones_like(x), x])\n"
             f"fit = lb.mm(A, y, efficiency={0.95 if act == 3 else _S_EFFICIENCY}, on_fail='ignore')\n"
             "print(fit.x[1], fit.scale)"
         )
 
 
-def _data(bad: int, seed: int) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _data(bad: int, level: float, seed: int) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Points of the line, the last ones of which lie on a level of their own."""
     x, y = line(_COUNT, seed)
     lifted = np.arange(_COUNT) >= _COUNT - bad
     rng = np.random.default_rng(seed)
     rng.standard_normal(_COUNT)
-    y[lifted] = 2.0 + 0.3 * rng.standard_normal(bad)
+    y[lifted] = level + 0.3 * rng.standard_normal(bad)
     return x, y, lifted

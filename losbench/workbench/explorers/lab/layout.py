@@ -28,7 +28,7 @@ class YourLayout(Explorer):
 
     controls: ClassVar[dict[str, Control]] = {
         "spots": Slider("spots", 8, 2, _MOST, 1),
-        "arc_deg": Slider("arc that they fill", 360, 20, 360, 10, "°"),
+        "arc_deg": Slider("arc that they fill", 360, 20, 360, 5, "°"),
         "away": Slider("first spot away from the centre", 1.0, 0.0, 5.0, 0.1, "radii"),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {

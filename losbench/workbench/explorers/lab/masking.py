@@ -27,7 +27,7 @@ class Masking(Explorer):
 
     controls: ClassVar[dict[str, Control]] = {
         "bad": Slider("bad points", 2, 0, 6, 1),
-        "off": Slider("lifted by", 6.0, 0.0, 15.0, 0.5),
+        "off": Slider("lifted by", 6.0, 0.0, 15.0, 0.2),
         "seed": Field("seed", 0, whole_number),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {"one alone": {"bad": 1}, "three together": {"bad": 3}}

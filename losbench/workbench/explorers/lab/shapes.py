@@ -30,7 +30,7 @@ class LossShapes(Explorer):
 
     controls: ClassVar[dict[str, Control]] = {
         "loss": Choice("loss", {name: name for name in _LOSSES}, "Huber"),
-        "factor": Slider("constant, in that of 95 %", 1.0, 0.2, 2.0, 0.05),
+        "factor": Slider("constant, in that of 95 %", 1.0, 0.2, 2.0, 0.02),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {"nearly the median": {"loss": "Huber", "factor": 0.2}}
     size_in = (8.4, 2.9)
