@@ -101,39 +101,51 @@ def measure_rows():
     def plain(_):
         return [naive_eiwa(image, p, WINDOW) for image, ps in zip(frames[:few], start, strict=False) for p in ps]
 
-    calls = {"batch": lambda _: lb.centroid(frames, start, window=WINDOW), "plain": plain}
-    peers = {"plain": ("plain loop", 6.0)}
+    template = {"method": "weighted", "window": WINDOW, "sigma": SIGMA, "noise": CAMERA}
+    calls = {
+        "eiwa": lambda _: lb.centroid(frames, start, window=WINDOW),
+        "weighted": lambda _: lb.centroid(frames, start, **template),
+        "plain": plain,
+    }
+    peers = [("eiwa", "plain", "plain loop", 6.0)]
     if importlib.util.find_spec("sep"):
         import sep
 
-        def winpos(subpix):
+        def winpos(subpix, images=flat):
             width = np.full(2, SIGMA)
             return [
                 sep.winpos(image, p[:, 0], p[:, 1], width, subpix=subpix)[:2]
-                for image, p in zip(flat, start, strict=False)
+                for image, p in zip(images, start, strict=False)
             ]
 
         calls |= {"sep": lambda _: winpos(11), "sep1": lambda _: winpos(1)}
-        peers |= {"sep": ("sep.winpos", 10.0), "sep1": ("sep.winpos(subpix=1)", 2.5)}
+        peers += [("eiwa", "sep", "sep.winpos", 10.0), ("eiwa", "sep1", "sep.winpos(subpix=1)", 2.5)]
+        peers += [("weighted", "sep", "sep.winpos", 3.0)]
+        every = [np.ascontiguousarray(frame, dtype=np.float32) - np.median(frame) for frame in frames]
+        own = lb.centroid(frames, start, **template).xy - xy
+        other = np.swapaxes(winpos(11, every), 1, 2) - xy
+        errors = [1e3 * float(np.sqrt(np.mean(error**2))) for error in (other, own)]
+        detail = f"{errors[0]:.2f} / {errors[1]:.2f} millipixel"
+        yield "weighted: error of sep.winpos / its own", errors[0] / errors[1], 1.0, detail
     else:
         print("sep is not installed: its rows are left out")
     if importlib.util.find_spec("photutils"):
-        from photutils.centroids import centroid_com, centroid_sources
+        from photutils.centroids import centroid_2dg, centroid_com, centroid_sources
 
-        def com(_):
+        def sources(function):
             for image, p in zip(flat, start, strict=False):
-                centroid_sources(image, p[:, 0], p[:, 1], box_size=WINDOW, centroid_func=centroid_com)
+                centroid_sources(image, p[:, 0], p[:, 1], box_size=WINDOW, centroid_func=function)
 
-        calls["photutils"] = com
-        peers["photutils"] = ("photutils centroid_sources(com)", 8.0)
+        calls |= {"com": lambda _: sources(centroid_com), "2dg": lambda _: sources(centroid_2dg)}
+        peers += [("eiwa", "com", "photutils centroid_sources(com)", 8.0)]
+        peers += [("weighted", "2dg", "photutils centroid_2dg", 80.0)]
     else:
         print("photutils is not installed: its row is left out")
 
     taken = in_turns(calls, 15)
-    own = taken.pop("batch") / (2 * FRAMES)
-    for name, (what, target) in peers.items():
-        other = taken[name] / (2 * few)
-        yield f"eiwa: {what} / batch", other / own, target, f"{1e6 * other:.1f} / {1e6 * own:.1f} us per spot"
+    for method, name, what, target in peers:
+        own, other = taken[method] / (2 * FRAMES), taken[name] / (2 * few)
+        yield f"{method}: {what} / batch", other / own, target, f"{1e6 * other:.1f} / {1e6 * own:.1f} us per spot"
 
 
 def find_rows():

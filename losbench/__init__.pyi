@@ -26,10 +26,11 @@ from .estimation.stability import ErrorSplit as ErrorSplit
 from .estimation.stability import lsfe as lsfe
 from .estimation.stability import nea as nea
 from .estimation.stability import split_error as split_error
-from .imaging.centroid import Centroids as Centroids
 from .imaging.centroid import centroid as centroid
 from .imaging.detector import Detector as Detector
 from .imaging.finder import find_spots as find_spots
+from .imaging.results import Centroids as Centroids
+from .imaging.results import SpotFlag as SpotFlag
 from .imaging.spots import render_spots as render_spots
 from .imaging.spots import render_streaks as render_streaks
 from .pointing.attitude import AttitudeFit as AttitudeFit

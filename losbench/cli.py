@@ -74,7 +74,9 @@ def _parser() -> argparse.ArgumentParser:
         "--spots", metavar="X,Y ...", help='spot positions in the first frame, "690,539 1230,539"; default found'
     )
     two.add_argument("--n-spots", type=int, help="how many spots to find; default all that stand out")
-    two.add_argument("--method", default="eiwa", choices=["eiwa", "grey"], help="centroid (%(default)s)")
+    two.add_argument(
+        "--method", default="eiwa", choices=["eiwa", "grey", "weighted", "gaussian"], help="centroid (%(default)s)"
+    )
     two.add_argument("--window", type=int, help="window side in pixels, odd; default 6 sigma of the spot")
     two.add_argument("--background", default="ring", choices=["ring", "none"], help="background (%(default)s)")
     two.add_argument(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-__all__ = ["RING", "RingPlane", "fit_ring", "gate_hot_pixels"]
+__all__ = ["RING", "PixelNoise", "RingPlane", "fit_ring", "gate_hot_pixels"]
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
@@ -47,6 +47,24 @@ class RingPlane:
         across = (self.slope[:, :1] * offset).astype(dtype)
         down = (self.level[:, None] + self.slope[:, 1:] * offset).astype(dtype)
         return down[:, :, None] + across[:, None, :]
+
+
+@dataclass(frozen=True)
+class PixelNoise:
+    """Variance of the pixels of M windows, ``floor + per_dn * signal``, and of the background plane taken off them.
+
+    Parameters
+    ----------
+    floor : (M,) array, DN squared
+    per_dn : float, DN
+        Inverse of the gain; 0 if it is not known.
+    plane : (M, 3) array
+        Variances of the plane's level, DN squared, and of its slopes along x and y, DN squared per pixel squared.
+    """
+
+    floor: Floats
+    per_dn: float
+    plane: Floats
 
 
 def fit_ring(stamps: Pixels, side: int) -> RingPlane:

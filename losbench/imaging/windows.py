@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntFlag
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from losbench.imaging.background import RING, RingPlane, fit_ring, gate_hot_pixels
-from losbench.imaging.detector import Detector
-from losbench.imaging.eiwa import NEWTON_LIMIT, Look, WindowFit, eiwa, grey, look, spread
+from losbench.imaging.background import RING, PixelNoise, RingPlane, fit_ring, gate_hot_pixels
+from losbench.imaging.eiwa import grey, look
+from losbench.imaging.estimates import Choices, Estimate, estimate
+from losbench.imaging.results import SpotFlag
 from losbench.imaging.stamps import cut_stamps
+from losbench.imaging.template import fitted_width
 
-__all__ = ["Choices", "Measured", "SpotFlag", "measure_windows"]
+__all__ = ["Measured", "measure_windows", "template_sigma"]
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
@@ -23,35 +24,8 @@ Whole = NDArray[np.intp]
 _OFF_CENTRE = 0.6  # pixels; over a half, so that a centroid near a pixel border is not cut back and forth
 _FAINTEST = 5.0  # flux in units of its error
 _PLATEAU = 5  # pixels
-
-
-class SpotFlag(IntFlag):
-    """What may be wrong with a centroid; the docstring of `centroid` says what each bit means."""
-
-    NOT_CONVERGED = 1
-    EDGE = 2
-    SATURATED = 4
-    NEIGHBOUR = 8
-    TOO_FAINT = 16
-    SLOW = 32
-    MISSING = 64
-
-
-@dataclass(frozen=True)
-class Choices:
-    """How to measure: what holds for every spot of a call."""
-
-    moving: bool
-    window: int
-    ring: int
-    stop: str
-    tolerance: float
-    max_iter: int
-    background: str | float
-    gate: bool
-    noise: Detector | None
-    full_scale: float
-    rounding: float  # variance of a reading's rounding, DN squared
+_WIDTHS = 400  # spots that are asked for their width
+_MANY = 10  # from here on the brighter half of them
 
 
 @dataclass(frozen=True)
@@ -93,16 +67,15 @@ def measure_windows(
     around where it is ``now``. ``path`` receives the centres (M, 2) of every iteration.
     """
     stamps = _cut(stack, frame, middle, how)
-    if not how.moving:
-        fit = grey(stamps.signal, np.zeros(middle.shape), how.window)
-        return _judge(stack.shape[1:], middle, stamps, fit, how)
+    level = _level(stamps, how)
     trace: list[Floats] | None = None if path is None else []
     here = (start if now is None else now) - middle
-    rule, size, most = how.stop, how.tolerance, how.max_iter
-    fit = eiwa(stamps.signal, here, how.window, stop=rule, tolerance=size, max_iter=most, path=trace)
+    fit = estimate(stamps.signal, here, _noise(stamps, level, how), how, path=trace)
     if path is not None and trace is not None:
         path.extend(centre + middle for centre in trace[bool(path) :])
-    result = _judge(stack.shape[1:], middle, stamps, fit, how)
+    result = _judge(stack.shape[1:], middle, stamps, level, fit, how)
+    if how.method == "grey":
+        return result
 
     moved = np.nan_to_num(fit.centroid, posinf=0.0, neginf=0.0)
     nearest = middle + np.rint(moved).astype(np.intp)
@@ -120,6 +93,27 @@ def measure_windows(
         for name, values in vars(result).items():
             values[again] = getattr(redone, name)
     return result
+
+
+def template_sigma(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> Floats:
+    """Width (2,) of the spots along x and y in pixels: the median of what fits up to 400 of them best."""
+    some = np.unique(np.linspace(0, len(frame) - 1, _WIDTHS).astype(np.intp)) if len(frame) else np.zeros(0, np.intp)
+    guess = np.full(2, how.window / 6.0)
+    stamps = _cut(stack, frame[some], middle[some], how)
+    level = _level(stamps, how)
+    window = stamps.signal[:, 1:-1, 1:-1]
+    flux = window.sum(axis=(1, 2), dtype=np.float64)
+    usable = np.isfinite(flux) & ~_saturated(stamps, level, how)
+    if stamps.missing is not None:
+        usable &= ~stamps.missing.any(axis=(1, 2))
+    if not usable.any():
+        return guess
+    if usable.sum() >= _MANY:
+        usable &= flux >= np.median(flux[usable])
+    noise = _noise(stamps, level, how)
+    some_noise = PixelNoise(noise.floor[usable], noise.per_dn, noise.plane[usable])
+    start = np.nan_to_num(grey(stamps.signal[usable], np.zeros((len(some_noise.floor), 2)), how.window).centroid)
+    return fitted_width(window[usable], start, guess, some_noise)
 
 
 def _longest(vectors: Floats) -> Floats:
@@ -156,29 +150,43 @@ def _under(plane: RingPlane, how: Choices, reach: int, dtype: DTypeLike = np.flo
     return np.full((1, 1, 1), 0.0 if how.background == "none" else how.background, dtype=dtype)
 
 
-def _judge(shape: tuple[int, ...], middle: Whole, stamps: _Stamps, fit: WindowFit, how: Choices) -> Measured:
-    """Errors and flags of windows that have come to rest."""
-    seen = fit.seen
-    window_centre = fit.centroid if how.moving else np.zeros_like(fit.centroid)
-    level = np.broadcast_to(
-        np.asarray(_under(stamps.plane, how, 0), dtype=np.float64).reshape(-1), seen.total.shape
-    ).copy()
-    sigma, sigma_flux = _errors(stamps, window_centre, seen, fit, level, how)
+def _level(stamps: _Stamps, how: Choices) -> Floats:
+    """Background in the middle of each stamp, (M,)."""
+    level = np.asarray(_under(stamps.plane, how, 0), dtype=np.float64).reshape(-1)
+    return np.broadcast_to(level, (len(stamps.raw),)).copy()
+
+
+def _noise(stamps: _Stamps, level: Floats, how: Choices) -> PixelNoise:
+    """Variance of the pixels on that background, from the detector or else from the ring."""
+    if how.noise is None:
+        floor, per_dn = np.maximum(stamps.plane.scatter**2, how.rounding), 0.0
+    else:
+        floor, per_dn = how.noise.variance_dn(level), 1.0 / how.noise.gain_e_per_dn
+    plane = np.zeros((len(floor), 3))
+    if how.background == "ring":
+        plane[:, 0] = stamps.plane.level_variance * floor
+        plane[:, 1:] = stamps.plane.slope_variance * floor[:, None]
+    return PixelNoise(floor, per_dn, plane)
+
+
+def _judge(
+    shape: tuple[int, ...], middle: Whole, stamps: _Stamps, level: Floats, fit: Estimate, how: Choices
+) -> Measured:
+    """Flags of windows that have come to rest."""
     if how.background == "ring":
         level = level + (stamps.plane.slope * fit.centroid).sum(axis=1)
 
-    at = window_centre + middle
+    at = fit.middle + middle
     end = np.array(shape[::-1]) - 0.5
     leaves = ((at - how.window / 2 < -0.5 - 1e-9) | (at + how.window / 2 > end + 1e-9)).any(axis=1)
     reach = how.ring // 2 + RING
     clipped = ((middle < reach) | (middle + reach > end)).any(axis=1)
     holes = np.zeros(len(middle), dtype=bool)
     if stamps.missing is not None:
-        unread = look(stamps.missing.astype(np.float64), np.nan_to_num(window_centre), how.window).total
+        unread = look(stamps.missing.astype(np.float64), np.nan_to_num(fit.middle), how.window).total
         holes = (unread > 1e-9) & ~leaves
     with np.errstate(invalid="ignore"):
-        faint = ~(seen.total > 0) | (seen.total < _FAINTEST * sigma_flux)
-    slow = seen.contraction.max(axis=1) > NEWTON_LIMIT
+        faint = ~(fit.flux > 0) | (fit.flux < _FAINTEST * fit.sigma_flux)
 
     flags = np.zeros(len(middle), dtype=np.int64)
     for flag, where in (
@@ -186,32 +194,13 @@ def _judge(shape: tuple[int, ...], middle: Whole, stamps: _Stamps, fit: WindowFi
         (SpotFlag.EDGE, leaves | clipped),
         (SpotFlag.SATURATED, _saturated(stamps, level, how)),
         (SpotFlag.TOO_FAINT, faint & ~holes),
-        (SpotFlag.SLOW, slow),
+        (SpotFlag.SLOW, fit.slow),
         (SpotFlag.MISSING, holes),
     ):
         flags[where] |= flag
     nowhere = (leaves | holes | faint)[:, None]
     xy = np.where(nowhere, np.nan, fit.centroid + middle)
-    return Measured(xy, np.where(np.isnan(xy), np.nan, sigma), seen.total, level, fit.n_iter.copy(), flags)
-
-
-def _errors(
-    stamps: _Stamps, centre: Floats, seen: Look, fit: WindowFit, level: Floats, how: Choices
-) -> tuple[Floats, Floats]:
-    """Predicted errors of the centroid (M, 2) and of the flux (M,)."""
-    if how.noise is None:
-        floor, per_dn = np.maximum(stamps.plane.scatter**2, how.rounding), 0.0
-    else:
-        floor, per_dn = how.noise.variance_dn(level), 1.0 / how.noise.gain_e_per_dn
-    total_variance, moment_variance = spread(stamps.signal, centre, how.window, floor, per_dn)
-    if how.background == "ring":
-        arm = how.window**2 * (how.window**2 - 1) / 12.0
-        moment_variance += arm**2 * stamps.plane.slope_variance * floor[:, None]
-        total_variance += how.window**4 * stamps.plane.level_variance * floor
-    gain = 1.0 / np.maximum(1.0 - seen.contraction, 1.0 - NEWTON_LIMIT) if how.moving else 1.0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        statistical = np.maximum(moment_variance, 0.0) * (gain / seen.total[:, None]) ** 2
-    return np.sqrt(statistical + fit.remaining**2), np.sqrt(np.maximum(total_variance, 0.0))
+    return Measured(xy, np.where(np.isnan(xy), np.nan, fit.sigma), fit.flux, level, fit.n_iter.copy(), flags)
 
 
 def _saturated(stamps: _Stamps, level: Floats, how: Choices) -> NDArray[np.bool_]:

@@ -11,9 +11,10 @@ from tqdm import tqdm
 
 from losbench.checks import choice, finite, integer, shaped
 from losbench.estimation.smoothing import kalman_smooth
-from losbench.imaging.centroid import SpotFlag, centroid, default_window
+from losbench.imaging.centroid import centroid, default_window
 from losbench.imaging.detector import Detector
 from losbench.imaging.finder import find_spots
+from losbench.imaging.results import SpotFlag
 from losbench.pointing.attitude import AttitudeFit, solve_attitude
 from losbench.pointing.optics import Camera
 from losbench.recording.readers import Recording

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.imaging.centroid import SpotFlag, default_window, window_path
+from losbench.imaging.centroid import default_window, window_path
+from losbench.imaging.results import SpotFlag
 from losbench.imaging.stamps import peak_pixels, spot_sigma
 
 CAMERA = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
@@ -168,7 +169,12 @@ GOOD = np.zeros((2, 30, 40), dtype=np.uint16)
         (GOOD, [[9, 9]], {"window": 31}, "window of 31 x 31 pixels does not fit into frames of 30 x 40 pixels"),
         (GOOD[:, :2], [[9, 1]], {}, "window of 3 x 3 pixels does not fit into frames of 2 x 40 pixels"),
         (GOOD, [[9, 9]], {"window": 13, "ring": 11}, "ring must be a whole number of at least 13, got 11"),
-        (GOOD, [[9, 9]], {"method": "moments"}, "method must be one of 'eiwa', 'grey', got 'moments'"),
+        (
+            GOOD,
+            [[9, 9]],
+            {"method": "moments"},
+            "method must be one of 'eiwa', 'grey', 'weighted', 'gaussian', got 'moments'",
+        ),
         (GOOD, [[9, 9]], {"stop": "never"}, "stop must be one of 'error', 'step', got 'never'"),
         (GOOD, [[9, 9]], {"centre": "middle"}, "centre must be one of 'start', 'peak', got 'middle'"),
         (GOOD, [[9, 9]], {"background": "median"}, "background must be one of 'ring', 'none', got 'median'"),

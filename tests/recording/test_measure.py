@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import losbench as lb
-from losbench.imaging.centroid import SpotFlag
+from losbench.imaging.results import SpotFlag
 from losbench.papers.liu2026.bench import ThermalBench
 from losbench.papers.liu2026.recording import write_recording
 from losbench.recording.readers import Recording
@@ -189,7 +189,7 @@ def test_smoothing_lowers_the_scatter_of_a_slow_drift():
         ({"reference": 13}, r"reference must be a whole number from 1 to 12, got 13"),
         ({"smooth": "mean"}, r"smooth must be one of 'none', 'kalman', got 'mean'"),
         ({"solver": "best"}, r"solver must be one of 'auto', 'irls', 'ls', got 'best'"),
-        ({"method": "peak"}, r"method must be one of 'eiwa', 'grey', got 'peak'"),
+        ({"method": "peak"}, r"method must be one of 'eiwa', 'grey', 'weighted', 'gaussian', got 'peak'"),
         ({"window": 201}, r"window of 201 x 201 pixels does not fit into frames of 100 x 150 pixels"),
         ({"n_spots": 9}, r"9"),
     ],

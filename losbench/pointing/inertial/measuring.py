@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.imaging.centroid import SpotFlag
 from losbench.imaging.detector import Detector
+from losbench.imaging.results import SpotFlag
 from losbench.pointing.inertial.cutting import Cut
 from losbench.pointing.inertial.joint import solve_jointly
 from losbench.pointing.inertial.model import StreakModel, carried

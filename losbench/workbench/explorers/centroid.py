@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from losbench.figures import COLOURS
-from losbench.imaging.centroid import SpotFlag, centroid, window_path
+from losbench.imaging.centroid import centroid, window_path
 from losbench.imaging.detector import Detector
+from losbench.imaging.results import SpotFlag
 from losbench.imaging.spots import render_spots
 from losbench.imaging.stamps import peak_pixels
 from losbench.workbench.explorers.base import Explorer
@@ -34,6 +35,7 @@ _METHODS: dict[str, dict[str, Any]] = {
     "EIWA, stops on a small step": {"method": "eiwa", "stop": "step"},
     "grey, on the peak pixel": {"method": "grey"},
     "grey, where it starts": {"method": "grey", "centre": "start"},
+    "weighted, Gaussian template": {"method": "weighted"},
 }
 _GAIN_E, _OFFSET_DN = 4.0, 100.0
 
@@ -190,11 +192,13 @@ def _scene(
 
 
 def _path(frame: Any, start: Floats, found: Floats, method: str, window_px: int, background: str) -> Floats:
-    """Where the window stood, one row for each evaluation; a grey window stays, and only its centroid is elsewhere."""
+    """Where the window stood, one row for each evaluation; other windows stay, and only their centroid is elsewhere."""
     options = dict(_METHODS[method])
-    if options.pop("method") == "eiwa":
+    kind = options.pop("method")
+    if kind == "eiwa":
         return window_path(frame, start, window=window_px, background=background, **{"stop": "error", **options})
-    first = start.round() if "centre" in options else peak_pixels(frame, start[None], window_px // 4)[0]
+    on_peak = kind == "grey" and "centre" not in options
+    first = peak_pixels(frame, start[None], window_px // 4)[0] if on_peak else start.round()
     return np.stack([first, np.where(np.isnan(found), first, found)])
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.imaging.centroid import SpotFlag
+from losbench.imaging.results import SpotFlag
 
 DETECTOR = lb.Detector(gain_e_per_dn=1.5, read_noise_e=6.0, offset_dn=100.0)
 SKY_DN = 30.0
