@@ -20,7 +20,7 @@ __all__ = ["centroid", "default_window", "window_path"]
 
 Floats = NDArray[np.float64]
 
-_BLOCK_PIXELS = 250_000  # of one block of stamps: small enough for the cache
+_BLOCK_PIXELS = 500_000  # of one block of stamps: a larger one gains little
 _TOLERANCE = {"error": 1e-3, "step": 5e-3}
 
 

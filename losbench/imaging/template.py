@@ -185,14 +185,11 @@ def _weighted_fit(
     pulled = columns / (np.maximum(1.0 - share, 1e-6) + share * columns[:, 0])[:, None]
     normal = (pulled @ columns.swapaxes(1, 2)).astype(np.float64)
     inverse = np.linalg.inv(normal + 1e-12 * np.eye(normal.shape[-1]))
-    basis = _plane_basis(pixels.shape[1]).astype(columns.dtype)
-    right = pulled @ np.concatenate(
-        [pixels.reshape(len(pixels), -1, 1), np.broadcast_to(basis.T, (len(pixels), *basis.T.shape))], axis=2
-    )
-    solved = inverse @ right
+    values = (inverse @ (pulled @ pixels.reshape(len(pixels), -1, 1)))[:, :, 0]
+    basis = _plane_basis(pixels.shape[1]).T.astype(columns.dtype)
+    of_plane = inverse[:, :3] @ (pulled.reshape(-1, len(basis)) @ basis).reshape(*pulled.shape[:2], 3)
     errors = unit[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :3]
-    errors = errors + np.einsum("mij,mj->mi", solved[:, :3, 1:] ** 2, plane)
-    return _Solved(solved[:, :, 0], errors)
+    return _Solved(values, errors + np.einsum("mij,mj->mi", of_plane**2, plane))
 
 
 def _step(values: Floats) -> Floats:
@@ -205,16 +202,15 @@ def _step(values: Floats) -> Floats:
 def _columns(pixels: Pixels, centre: Floats, width: Floats, *, widths: bool = False) -> Pixels:
     """Template g, its slopes by x and y and, if asked, by the logarithm of its widths, (M, 3 or 5, S * S)."""
     side = pixels.shape[1]
-    edges = (np.arange(side + 1) - side / 2 - centre[:, :, None]) / np.broadcast_to(width, centre.shape)[:, :, None]
+    sigma = np.broadcast_to(width, centre.shape)[:, :, None]
+    edges = (np.arange(side + 1) - side / 2 - centre[:, :, None]) / sigma
     bell = np.exp(-0.5 * edges**2) / _SQUARE_ROOT_2_PI
-    inside, slope = np.diff(ndtr(edges)), -np.diff(bell) / np.broadcast_to(width, centre.shape)[:, :, None]
-    pairs = [(inside, inside), (slope, inside), (inside, slope)]
-    if widths:
-        spread = -np.diff(edges * bell)
-        pairs += [(spread, inside), (inside, spread)]
+    profiles = [np.diff(ndtr(edges)), -np.diff(bell) / sigma, *([-np.diff(edges * bell)] if widths else [])]
+    inside, *slopes = (profile.astype(pixels.dtype) for profile in profiles)
+    pairs = [(inside, inside), *(pair for slope in slopes for pair in ((slope, inside), (inside, slope)))]
     columns = np.empty((len(centre), len(pairs), side, side), dtype=pixels.dtype)
     for place, (along_x, along_y) in enumerate(pairs):
-        np.multiply(along_y[:, 1, :, None], along_x[:, 0, None, :], out=columns[:, place], casting="same_kind")
+        np.multiply(along_y[:, 1, :, None], along_x[:, 0, None, :], out=columns[:, place])
     return columns.reshape(len(centre), len(pairs), -1)
 
 

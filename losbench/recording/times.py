@@ -188,10 +188,15 @@ def utc_times(name: str, texts: list[str]) -> NDArray[np.datetime64]:
 
 
 def numbers(table: pd.DataFrame, column: str, name: str) -> NDArray[np.float64]:
-    try:
-        return table[column].to_numpy(dtype=np.float64)
-    except (ValueError, TypeError):
-        raise ValueError(f"column {column!r} of {name} must hold numbers, got {table[column].iloc[0]!r} ...") from None
+    import pandas as pd
+
+    given = table[column]
+    values = pd.to_numeric(given, errors="coerce")
+    faulty = np.flatnonzero(values.isna() & given.notna())
+    if faulty.size:
+        first = faulty[0]
+        raise ValueError(f"column {column!r} of {name} must hold numbers, got {given.iloc[first]!r} in row {first + 1}")
+    return values.to_numpy(dtype=np.float64)
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
@@ -203,6 +208,8 @@ def read_table(path: str | Path) -> pd.DataFrame:
         table = pd.read_csv(path, skipinitialspace=True, comment="#")
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise ValueError(f"{Path(path).name} must be a CSV file with a header line, got: {error}") from None
+    if len(table.columns) == 1 and any(mark in str(table.columns[0]) for mark in ";\t"):
+        raise ValueError(f"{Path(path).name} must have commas between its columns, got {str(table.columns[0])!r}")
     if table.empty:
         raise ValueError(f"{Path(path).name} must hold at least one row below its header")
     return table

@@ -55,12 +55,13 @@ def test_rows_out_of_order_repeated_or_empty_are_put_right(tmp_path):
         ("seconds,temperature_degC\n0,1\n", r"log.csv must have a column time_s .* or time .*; it has seconds, temp"),
         ("time_s,room\n0,1\n", r"log.csv must have a column such as temperature_degC; it has time_s, room"),
         (
-            "time_s,temperature_degC\n0,warm\n1,2\n",
-            r"column 'temperature_degC' of log.csv must hold numbers, got 'warm'",
+            "time_s,temperature_degC\n0,1\n1,\n2,warm\n3,2\n",
+            r"column 'temperature_degC' of log.csv must hold numbers, got 'warm' in row 3",
         ),
         ("time,temperature_degC\nyesterday,18\n", r"column 'time' of log.csv must be ISO 8601 UTC as 2026-03-01T12"),
         ("time_s,temperature_degC\n", r"log.csv must hold at least one row below its header"),
         ("time_s,temperature_degC\n0,18\n", r"log.csv must hold at least two readings at different times, got 1"),
+        ("time_s;temperature_degC\n0;1,5\n", r"log.csv must have commas between its columns, got 'time_s;temp"),
         ("", r"log.csv must be a CSV file with a header line"),
     ],
 )

@@ -277,3 +277,8 @@ def test_parsers_of_fields():
         numbers(2, low=0, high=5)("links", "1, 7")
     with pytest.raises(ValueError, match=r"seed must be a whole number, got 1\.5"):
         whole_number("seed", "1.5")
+
+
+def test_a_choice_that_is_not_offered_is_named():
+    with pytest.raises(ValueError, match=r"rows of A must be one of 'paper', 'pinhole', got 'exact'"):
+        MonteCarloExplorer(model="exact")

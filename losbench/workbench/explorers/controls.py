@@ -107,6 +107,9 @@ class Choice:
 
     def widget(self, value: Any) -> Any:
         """Make the drop-down list."""
+        if value not in self.options.values():
+            offered = ", ".join(repr(option) for option in self.options.values())
+            raise ValueError(f"{self.label} must be one of {offered}, got {value!r}")
         return widgets.Dropdown(options=list(self.options.items()), value=value, description=self.label, **_WIDTHS)
 
     def read(self, value: Any) -> Any:
