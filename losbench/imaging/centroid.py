@@ -14,7 +14,7 @@ from losbench.imaging.detector import Detector
 from losbench.imaging.estimates import TEMPLATES, Choices
 from losbench.imaging.results import Centroids, SpotFlag, all_missing, only_frame
 from losbench.imaging.stamps import as_stack, as_starts, in_frame, peak_pixels, spot_sigma
-from losbench.imaging.windows import measure_windows, template_sigma
+from losbench.imaging.windows import measure_windows, template_width
 
 __all__ = ["centroid", "default_window", "window_path"]
 
@@ -144,10 +144,10 @@ def centroid(
         rounding=1.0 / 12.0 if stack.dtype.kind in "ui" else 0.0,
     )
     at = peak_pixels(stack, places, max(2, side // 4)) if first == "peak" else places
-    result = all_missing(places.shape[:2], side)
     frame, spot, middle = in_frame(stack, at)
     if method in TEMPLATES:
-        how = replace(how, sigma_px=template_sigma(stack, frame, middle, how) if sigma is None else _sigma(sigma, side))
+        how = replace(how, width_px=template_width(stack, frame, middle, how) if sigma is None else _sigma(sigma, side))
+    result = all_missing(places.shape[:2], side, how.width_px)
     per_block = max(1, _BLOCK_PIXELS // (how.ring + 2 * RING) ** 2)
     for first_of_block in range(0, len(frame), per_block):
         block = slice(first_of_block, first_of_block + per_block)

@@ -36,7 +36,7 @@ class Choices:
     noise: Detector | None
     full_scale: float
     rounding: float  # variance of a reading's rounding, DN squared
-    sigma_px: Floats | None = None  # widths (2,) of the template
+    width_px: Floats | None = None  # widths (2,) of the template
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ def estimate(
 
 
 def _of_template(window: Pixels, start: Floats, noise: PixelNoise, how: Choices) -> Estimate:
-    assert how.sigma_px is not None
+    assert how.width_px is not None
     if how.method == "weighted":
-        fit: TemplateFit = weighted(window, start, how.sigma_px, noise, tolerance=how.tolerance, max_iter=how.max_iter)
+        fit: TemplateFit = weighted(window, start, how.width_px, noise, tolerance=how.tolerance, max_iter=how.max_iter)
     else:
-        fit = gaussian(window, start, how.sigma_px, noise, max_iter=how.max_iter)
+        fit = gaussian(window, start, how.width_px, noise, max_iter=how.max_iter)
     return Estimate(**vars(fit), middle=np.zeros_like(start), slow=np.zeros(len(start), dtype=bool))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from typing import TYPE_CHECKING
 
@@ -53,6 +53,8 @@ class Centroids:
         Bits of `SpotFlag`; 0 is a spot without reproach.
     window : int, pixels
         Side of the window that was used.
+    width_px : (2,) array or None
+        Sigma of the template along x and y, as given or found; None for the methods that have no template.
     """
 
     xy: Floats
@@ -62,6 +64,7 @@ class Centroids:
     n_iter: NDArray[np.int64]
     flags: NDArray[np.int64]
     window: int
+    width_px: Floats | None = None
 
     def to_frame(self) -> pd.DataFrame:
         """Return a pandas table with one row per frame and spot, and the flags in words."""
@@ -86,7 +89,7 @@ class Centroids:
         return pd.DataFrame(columns)
 
 
-def all_missing(shape: tuple[int, ...], window: int) -> Centroids:
+def all_missing(shape: tuple[int, ...], window: int, width_px: Floats | None) -> Centroids:
     """Results of which none has been measured yet."""
 
     def nothing(*axes: int) -> Floats:
@@ -94,10 +97,11 @@ def all_missing(shape: tuple[int, ...], window: int) -> Centroids:
 
     flags = np.full(shape, int(SpotFlag.MISSING), dtype=np.int64)
     n_iter = np.zeros(shape, dtype=np.int64)
-    return Centroids(nothing(*shape, 2), nothing(*shape, 2), nothing(*shape), nothing(*shape), n_iter, flags, window)
+    places = nothing(*shape, 2), nothing(*shape, 2)
+    return Centroids(*places, nothing(*shape), nothing(*shape), n_iter, flags, window, width_px)
 
 
 def only_frame(result: Centroids) -> Centroids:
     """Leave the frame axis out."""
-    arrays = {name: values[0] for name, values in vars(result).items() if name != "window"}
-    return Centroids(**arrays, window=result.window)
+    names = ("xy", "sigma_xy", "flux", "background", "n_iter", "flags")
+    return replace(result, **{name: getattr(result, name)[0] for name in names})

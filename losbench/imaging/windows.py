@@ -15,7 +15,7 @@ from losbench.imaging.results import SpotFlag
 from losbench.imaging.stamps import cut_stamps
 from losbench.imaging.template import fitted_width
 
-__all__ = ["Measured", "measure_windows", "template_sigma"]
+__all__ = ["Measured", "measure_windows", "template_width"]
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
@@ -95,7 +95,7 @@ def measure_windows(
     return result
 
 
-def template_sigma(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> Floats:
+def template_width(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> Floats:
     """Width (2,) of the spots along x and y in pixels: the median of what fits up to 400 of them best."""
     some = np.unique(np.linspace(0, len(frame) - 1, _WIDTHS).astype(np.intp)) if len(frame) else np.zeros(0, np.intp)
     guess = np.full(2, how.window / 6.0)

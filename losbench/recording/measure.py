@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from tqdm import tqdm
 
 from losbench.checks import choice, finite, integer, shaped
 from losbench.estimation.smoothing import kalman_smooth
-from losbench.imaging.centroid import centroid, default_window
 from losbench.imaging.detector import Detector
 from losbench.imaging.finder import find_spots
 from losbench.imaging.results import SpotFlag
@@ -21,6 +20,7 @@ from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
 from losbench.recording.table import measurement_table, temperatures
 from losbench.recording.times import TemperatureLog
+from losbench.recording.tracks import follow
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -149,7 +149,7 @@ def measure(
     }
     with tqdm(total=recording.n_frames * len(recording.stamps), unit="frame", delay=2, disable=not progress) as bar:
         tracks = [
-            _track(recording, stamp, start, options, integer("block", block, low=1), bar)
+            follow(recording, stamp, start, options, integer("block", block, low=1), bar)
             for stamp, start in zip(recording.stamps, _starts(recording, spots, n_spots), strict=True)
         ]
     xy, sigma, flags = (
@@ -202,81 +202,6 @@ def _found(recording: Recording, stamp: Stamp, n: int | None) -> Floats:
                 raise ValueError(f"no spot stands out in the first frame of {stamp.name}: give spots, or look at it")
             return found
     raise ValueError(f"no frame of {recording.source} can be read")
-
-
-def _track(
-    recording: Recording, stamp: Stamp, start: Floats, options: dict[str, Any], block: int, bar: tqdm[Any]
-) -> _Track:
-    """Follow the spots of one stamp: every block of frames starts where the one before saw each spot last."""
-    parts, last, settings = [], start, options
-    for first in range(0, recording.n_frames, block):
-        frames, good = stamp.read(first, min(first + block, recording.n_frames), skip=recording.skip_unreadable)
-        if settings["window"] is None and good.any():
-            settings = settings | {"window": _default_window(frames[good][0], last, stamp)}
-        if frames.dtype.kind == "f":  # calibrated frames, whose numbers have no end
-            settings = settings | {"full_scale_dn": float(np.finfo(np.float32).max)}
-        part = _see(frames, good, last, settings)
-        if len(frames) > 1 and not part.stays_near(last, good):
-            steps = []
-            for k in range(len(frames)):
-                steps.append(_see(frames[k : k + 1], good[k : k + 1], last, settings))
-                last = steps[-1].last_seen(last)
-            part = _Track.join(steps)
-        parts.append(part)
-        last = part.last_seen(last)
-        bar.update(len(frames))
-    return _Track.join(parts).moved(np.array(stamp.origin_px))
-
-
-@dataclass(frozen=True)
-class _Track:
-    """Positions (F, n, 2), their errors and flags (F, n) of some frames of one stamp, and the window's side."""
-
-    xy: Floats
-    sigma: Floats
-    flags: NDArray[np.int64]
-    window: int
-
-    @classmethod
-    def join(cls, parts: list[_Track]) -> _Track:
-        xy, sigma, flags = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in ("xy", "sigma", "flags")
-        )
-        return cls(xy, sigma, flags, parts[0].window)
-
-    def moved(self, origin: Floats) -> _Track:
-        return replace(self, xy=self.xy + origin)
-
-    def last_seen(self, before: Floats) -> Floats:
-        """Return where each spot was seen last, or ``before`` where it was not seen at all."""
-        for frame in self.xy:
-            before = np.where(np.isnan(frame), before, frame)
-        return before
-
-    def stays_near(self, start: Floats, good: NDArray[np.bool_]) -> bool:
-        """Whether every readable frame shows every spot, well within reach of the start."""
-        reach = max(2, self.window // 4) - 0.5
-        return bool((np.abs(self.xy[good] - start) < reach).all())
-
-
-def _see(frames: NDArray[Any], good: NDArray[np.bool_], start: Floats, settings: dict[str, Any]) -> _Track:
-    if not good.any():
-        missing = np.full((len(frames), *start.shape), np.nan)
-        return _Track(missing, missing, np.full(missing.shape[:2], int(SpotFlag.MISSING)), settings["window"] or 3)
-    seen = centroid(frames, start, centre="peak", **settings)
-    lost = ~good[:, None] | (seen.flags & SpotFlag.NOT_CONVERGED > 0)
-    flags = np.where(good[:, None], seen.flags, SpotFlag.MISSING)
-    hide = lost[..., None]
-    return _Track(np.where(hide, np.nan, seen.xy), np.where(hide, np.nan, seen.sigma_xy), flags, seen.window)
-
-
-def _default_window(frame: NDArray[Any], start: Floats, stamp: Stamp) -> int:
-    found = default_window(frame, start)
-    if found < 3:
-        raise ValueError(
-            f"no spot stands at {start.round(1).tolist()} in the first frame: nothing there to size a window by"
-        )
-    return min(found, min(stamp.shape) - (min(stamp.shape) + 1) % 2)
 
 
 def _smoothed(xy: Floats) -> tuple[Floats, Floats]:

@@ -172,3 +172,12 @@ def test_frames_without_light_or_noise_give_no_centroid_and_no_warning(method):
 def test_a_width_that_makes_no_sense_is_refused(sigma):
     with pytest.raises(ValueError, match="sigma"):
         lb.centroid(np.zeros((30, 30)), [[15, 15]], method="weighted", window=13, sigma=sigma)
+
+
+def test_the_width_that_was_found_is_told():
+    frames, xy, _ = spots(2.0, 50, n=200)
+    found = lb.centroid(frames, np.rint(xy), method="weighted", window=13, noise=CAMERA)
+    np.testing.assert_allclose(found.width_px, 2.0, rtol=0.01)
+    one = lb.centroid(frames[0], np.rint(xy[0]), method="weighted", window=13, sigma=(1.9, 2.1))
+    assert one.width_px.tolist() == [1.9, 2.1]
+    assert lb.centroid(frames, np.rint(xy), window=13).width_px is None

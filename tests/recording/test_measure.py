@@ -236,3 +236,16 @@ def test_kepler_pixel_files_give_the_mission_s_own_shifts(real_data):
             mission = np.stack([hdus[1].data["POS_CORR1"], hdus[1].data["POS_CORR2"]], axis=-1)
         error = measured.shifts_px[:, star] - (mission - mission[0])
         assert error.std() < 5e-3, stamp.name
+
+
+def test_a_template_keeps_its_width_from_block_to_block():
+    frames = frames_of(SPOTS, n=24)
+    wider = lb.render_spots(SPOTS, 2e5, 2.6, CAMERA.shape) + 40.0
+    frames[12:] = DETECTOR.expose(np.broadcast_to(wider, (12, *CAMERA.shape)), 6)
+    in_blocks = lb.measure(in_memory(frames), spots=SPOTS, block=4, method="weighted", window=13, detector=DETECTOR)
+    options = {"method": "weighted", "window": 13, "noise": DETECTOR, "centre": "peak"}
+    width = lb.centroid(frames[:4], SPOTS, **options).width_px
+    kept = lb.centroid(frames[20:], SPOTS, sigma=width, **options)
+    np.testing.assert_allclose(in_blocks.sigma_xy_px[20:], kept.sigma_xy, rtol=1e-3)
+    anew = lb.centroid(frames[20:], SPOTS, **options)
+    assert (anew.sigma_xy / kept.sigma_xy).min() > 1.02
