@@ -11,7 +11,8 @@ import io
 import json
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from functools import cache
 from importlib.metadata import version
@@ -28,7 +29,7 @@ from losbench.resources import build_folder, notebook_folder, write_whole
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["COLOURS", "commit", "save", "save_table", "use_style"]
+__all__ = ["COLOURS", "commit", "png", "save", "save_table", "styled", "use_style"]
 
 # Okabe and Ito's palette, told apart by colour-blind readers; black first, yellow left out as too pale for a line.
 COLOURS = {
@@ -68,6 +69,21 @@ _STYLE = {
 def use_style() -> None:
     """Set matplotlib to the style of these notebooks, whatever the user's own settings are."""
     plt.style.use(["default", _STYLE])
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Use the style of `use_style` for a while, and leave the user's own as it was."""
+    with mpl.rc_context():
+        use_style()
+        yield
+
+
+def png(fig: Figure) -> bytes:
+    """Return a figure as the bytes of a PNG file."""
+    buffer = io.BytesIO()
+    fig.savefig(buffer, format="png")
+    return buffer.getvalue()
 
 
 def save(fig: Figure, name: str, *, parameters: object = None, seed: int | None = None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +18,6 @@ from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 __all__ = ["PairReport", "correct_telemetry"]
 
@@ -69,6 +67,9 @@ class PairReport:
 
     def write(self, folder: Path) -> None:
         """Write ``corrected.csv``, ``angle.csv``, ``tracks.csv``, ``angle.png``, ``drift.png`` and ``report.txt``."""
+        from losbench.figures import png, styled
+        from losbench.recording.drift_pictures import angle_figure, drift_figure
+
         time = self.telemetry.pair.time_s
         order = "xyzw" if self.telemetry.pair.convention.scalar == "last" else "wxyz"
         angle = self.angle.assign(time_s=np.char.mod("%.6f", time))
@@ -76,10 +77,10 @@ class PairReport:
             "corrected.csv": _corrected_csv(time, self.pair.quaternions, order),
             "angle.csv": angle.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
             "tracks.csv": self.tracks.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
-            "angle.png": _png(_angle_figure(self.angle)),
-            "drift.png": _png(_drift_figure(self.angle)),
             "report.txt": self.summary() + "\n",
         }
+        with styled():
+            files |= {"angle.png": png(angle_figure(self.angle)), "drift.png": png(drift_figure(self.angle))}
         for name, content in files.items():
             write_whole(folder / name, content)
 
@@ -246,52 +247,3 @@ def _corrected_csv(time_s: Floats, quaternions: Floats, order: str) -> str:
 
     columns = {f"q{k + 1}_{axis}": quaternions[k, :, i] for k in range(2) for i, axis in enumerate(order)}
     return pd.DataFrame({"time_s": time_s} | columns).to_csv(index=False, lineterminator="\n", float_format="%.12f")
-
-
-def _angle_figure(angle: pd.DataFrame) -> Figure:
-    """Each track in a panel, the angle before and after correction on one scale."""
-    tracks = [samples for _, samples in angle.groupby("track")]
-    shown = tracks[:: max(1, -(-len(tracks) // 6))]
-    fig, axes = _panels(len(shown))
-    for axis, samples in zip(axes, shown, strict=True):
-        time = samples["time_s"] - samples["time_s"].iloc[0]
-        axis.plot(time, samples["before_arcsec"], lw=0.7, label="as measured")
-        axis.plot(time, samples["after_arcsec"], lw=0.7, label="corrected")
-        axis.set_title(f"track {samples['track'].iloc[0]}")
-        axis.set_xlabel("time in track (s)")
-    axes[0].set_ylabel("angle less design (arcsec)")
-    axes[0].legend()
-    return fig
-
-
-def _drift_figure(angle: pd.DataFrame) -> Figure:
-    fig, axes = _panels(2)
-    time = angle["time_s"] - angle["time_s"].iloc[0]
-    days = time.iloc[-1] > 172800.0
-    time = time / (86400.0 if days else 1.0)
-    for k, axis in enumerate(axes):
-        for name in "xyz":
-            axis.plot(time, angle[f"drift_{k + 1}_{name}_arcsec"], ".", ms=1.5, label=name)
-        axis.set_title(f"head {k + 1}")
-        axis.set_xlabel("time since first row (days)" if days else "time since first row (s)")
-    axes[0].set_ylabel("drift (arcsec)")
-    axes[0].legend(markerscale=6, title="about")
-    return fig
-
-
-def _png(figure: Figure) -> bytes:
-    content = io.BytesIO()
-    figure.savefig(content, format="png")
-    return content.getvalue()
-
-
-def _panels(n: int) -> tuple[Figure, list]:  # type: ignore[type-arg]
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    from losbench.figures import use_style
-
-    use_style()
-    fig = Figure(figsize=(2.6 + 2.6 * n, 3.6))
-    FigureCanvasAgg(fig)
-    return fig, list(np.atleast_1d(fig.subplots(1, n, sharey=True)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,18 +44,15 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
         f"{len(table)} frames, {len(measurement.reference_px)} spots: {recording.source.resolve().name}",
         *measurement.notes,
     ]
+    sensitivity = _sensitivity(measurement)
+    if sensitivity is not None:
+        lines += _sentences(sensitivity)
+    pictures = _pictures(measurement, sensitivity)
     for name in _WRITTEN:
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / "measurement.csv", table.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
-    pictures = {"shifts.png": _shifts(measurement)}
-    if measurement.attitude is not None:
-        pictures["angles.png"] = _angles(measurement)
-    sensitivity = _sensitivity(measurement)
-    if sensitivity is not None:
-        pictures["angles-over-temperature.png"] = _over_temperature(measurement, sensitivity)
-        lines += _sentences(sensitivity)
-    for name, figure in pictures.items():
-        _save(figure, folder / name)
+    for name, content in pictures.items():
+        write_whole(folder / name, content)
     report = {
         "losbench": __version__,
         "source": recording.source.resolve().name,
@@ -100,9 +96,21 @@ def _sentences(fit: SensitivityFit) -> list[str]:
     ]
 
 
+def _pictures(measurement: Measurement, sensitivity: SensitivityFit | None) -> dict[str, bytes]:
+    from losbench.figures import png, styled
+
+    with styled():
+        pictures = {"shifts.png": png(_shifts(measurement))}
+        if measurement.attitude is not None:
+            pictures["angles.png"] = png(_angles(measurement))
+        if sensitivity is not None:
+            pictures["angles-over-temperature.png"] = png(_over_temperature(measurement, sensitivity))
+    return pictures
+
+
 def _shifts(measurement: Measurement) -> Figure:
     along, label = _abscissa(measurement)
-    fig, axes = _panels(2, label)
+    fig, axes = _one_below_another(2, label)
     for axis, i, name in zip(axes, range(2), "xy", strict=True):
         for spot in range(measurement.shifts_px.shape[1]):
             axis.plot(along, measurement.shifts_px[:, spot, i], ".-", ms=3, lw=0.8, label=f"spot {spot + 1}")
@@ -113,7 +121,7 @@ def _shifts(measurement: Measurement) -> Figure:
 
 def _angles(measurement: Measurement) -> Figure:
     along, label = _abscissa(measurement)
-    fig, axes = _panels(3, label)
+    fig, axes = _one_below_another(3, label)
     for axis, name in zip(axes, _AXES, strict=True):
         angle = measurement.table[f"{name}_arcsec"].to_numpy()
         sigma = measurement.table[f"sigma_{name}_arcsec"].to_numpy()
@@ -128,7 +136,7 @@ def _over_temperature(measurement: Measurement, fit: SensitivityFit) -> Figure:
     column = _temperature_columns(measurement.table)[0]
     celsius = measurement.table[column].to_numpy()
     model = fit.predict(celsius, time_s=measurement.table["time_s"].to_numpy() if (fit.lag_s > 0).any() else None)
-    fig, axes = _panels(3, f"{column.removesuffix('_degC')} (degC)")
+    fig, axes = _one_below_another(3, f"{column.removesuffix('_degC')} (degC)")
     for i, (axis, name) in enumerate(zip(axes, _AXES, strict=True)):
         axis.plot(celsius, measurement.table[f"{name}_arcsec"], ".", ms=3, label="measured")
         axis.plot(celsius, rad_to_arcsec(model[:, i]), lw=1.2, label="fit with lag")
@@ -142,21 +150,10 @@ def _abscissa(measurement: Measurement) -> tuple[NDArray[Any], str]:
     return (table["time_s"].to_numpy(), "time (s)") if "time_s" in table else (table["frame"].to_numpy(), "frame")
 
 
-def _panels(n: int, label: str) -> tuple[Figure, list[Axes]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def _one_below_another(n: int, label: str) -> tuple[Figure, list[Axes]]:
     from matplotlib.figure import Figure
 
-    from losbench.figures import use_style
-
-    use_style()
     fig = Figure(figsize=(8.0, 2.0 * n + 0.6))
-    FigureCanvasAgg(fig)
     axes = list(fig.subplots(n, 1, sharex=True))
     axes[-1].set_xlabel(label)
     return fig, axes
-
-
-def _save(fig: Figure, path: Path) -> None:
-    content = io.BytesIO()
-    fig.savefig(content, format="png")
-    write_whole(path, content.getvalue())
