@@ -128,7 +128,9 @@ def correct_telemetry(
     source = Path(telemetry)
     folder = free_folder(out, force=force)
     described = Path(columns) if columns is not None else source.with_suffix(".toml")
-    if source.is_file() and not described.is_file():
+    if not source.is_file():
+        raise FileNotFoundError(f"no telemetry at {source}: expected a CSV file")
+    if not described.is_file():
         raise FileNotFoundError(f"no description of the columns at {described}: write one, or name it with --columns")
     form = TelemetryFormat.from_toml(described)
     read = read_telemetry(source, form)

@@ -223,3 +223,8 @@ def test_a_missing_description_is_named(example, tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no description of the columns at .*telemetry.toml: write one, or"):
         correct_telemetry(path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_missing_telemetry_is_named_before_its_description(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no telemetry at .*nowhere.csv: expected a CSV file"):
+        correct_telemetry(tmp_path / "nowhere.csv", tmp_path / "out")
