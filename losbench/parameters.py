@@ -15,7 +15,9 @@ T = TypeVar("T")
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Return the tables of a TOML file; ``ValueError`` names the file if it is not TOML."""
+    """Return the tables of a TOML file; an error names the file if it is missing or not TOML."""
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"no TOML file at {path}")
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except ValueError as error:

@@ -91,8 +91,16 @@ def test_a_wrong_argument_ends_with_2_and_one_line(twin, tmp_path, capsys, more,
 def test_missing_files_are_named(tmp_path, capsys):
     assert main(["measure", str(tmp_path / "nowhere"), "--out", str(tmp_path / "out")]) == 2
     assert "no recording at" in capsys.readouterr().err
-    assert main(["measure", str(tmp_path), "--camera", str(tmp_path / "no.toml"), "--out", str(tmp_path / "out")]) == 2
-    assert "no.toml" in capsys.readouterr().err
+    for option, kind in (("--camera", "TOML"), ("--temperature", "CSV")):
+        nowhere = tmp_path / "nowhere"
+        assert main(["measure", str(tmp_path), option, str(nowhere), "--out", str(tmp_path / "out")]) == 2
+        assert capsys.readouterr().err == f"losbench measure: no {kind} file at {nowhere}\n"
+
+
+def test_missing_times_are_named(twin, tmp_path, capsys):
+    files = ["--times", str(tmp_path / "nowhere"), "--out", str(tmp_path / "out")]
+    assert main(["measure", str(twin / "frames"), *files]) == 2
+    assert capsys.readouterr().err == f"losbench measure: no CSV file at {tmp_path / 'nowhere'}\n"
 
 
 def test_the_ledger_lists_the_claims_of_a_paper(capsys):
@@ -100,6 +108,16 @@ def test_the_ledger_lists_the_claims_of_a_paper(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 59
     assert main(["ledger", "--paper", "liu2025"]) == 2
+
+
+def test_a_reader_that_goes_away_ends_the_command_quietly():
+    losbench = subprocess.Popen(
+        [sys.executable, "-m", "losbench.cli", "ledger"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    losbench.stdout.close()
+    assert losbench.stderr.read() == b""
+    losbench.stderr.close()
+    assert losbench.wait() == 141
 
 
 def test_version_and_help_come_without_the_heavy_packages():
