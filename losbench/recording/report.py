@@ -58,7 +58,7 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
         "source": recording.source.resolve().name,
         "reference_px": measurement.reference_px.round(4).tolist(),
         "notes": list(measurement.notes),
-        "sensitivity_arcsec_per_degC": None if sensitivity is None else sensitivity.k_arcsec_per_degC.round(6).tolist(),
+        "sensitivity": None if sensitivity is None else _numbers(sensitivity),
     }
     write_whole(folder / "report.json", json.dumps(report, indent=1) + "\n")
     return [*lines, f"Written to {folder}: measurement.csv, report.json, {', '.join(pictures)}"]
@@ -83,6 +83,20 @@ def _sensitivity(measurement: Measurement) -> SensitivityFit | None:
     if (np.diff(time_s[use]) > 0).all():
         return fit_sensitivity(celsius[use], angles, time_s=time_s[use], lag_s="fit")
     return fit_sensitivity(celsius[use], angles)
+
+
+def _numbers(fit: SensitivityFit) -> dict[str, dict[str, Any]]:
+    """By axis, what `_sentences` says; a lag of zero is none."""
+    rms_arcsec = rad_to_arcsec(fit.rms)
+    return {
+        axis: {
+            "arcsec_per_degC": round(float(fit.k_arcsec_per_degC[i]), 6),
+            "interval_95_arcsec_per_degC": fit.k_interval_arcsec_per_degC[i].round(6).tolist(),
+            "lag_s": round(float(fit.lag_s[i]), 3),
+            "rms_arcsec": round(float(rms_arcsec[i]), 6),
+        }
+        for i, axis in enumerate(_AXES)
+    }
 
 
 def _sentences(fit: SensitivityFit) -> list[str]:

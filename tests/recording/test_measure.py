@@ -1,5 +1,6 @@
 """Simulated recordings give back their truth within their predicted errors; what goes wrong is said, and goes on."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -218,7 +219,16 @@ def test_the_report_is_written_whole_with_its_sensitivity(simulated, tmp_path):
     lines = write_report(measured, tmp_path, recording=recording)
     written = {"measurement.csv", "report.json", "shifts.png", "angles.png", "angles-over-temperature.png"}
     assert {path.name for path in tmp_path.iterdir()} == written
-    assert sum("arcsec/degC" in line for line in lines) == 3
+    said = [line for line in lines if "arcsec/degC" in line]
+    fits = json.loads((tmp_path / "report.json").read_text())["sensitivity"]
+    assert list(fits) == ["alpha", "beta", "gamma"]
+    for line, fit in zip(said, fits.values(), strict=True):
+        low, high = fit["interval_95_arcsec_per_degC"]
+        assert low < fit["arcsec_per_degC"] < high
+        for number in (fit["arcsec_per_degC"], low, high):
+            assert f"{number:+.4f}" in line
+        assert f"{fit['rms_arcsec']:.4f} arcsec rms" in line
+        assert (f"lag {fit['lag_s'] / 60:.1f} min" if fit["lag_s"] else "no lag fitted") in line
     again = pd.read_csv(tmp_path / "measurement.csv")
     np.testing.assert_allclose(again["alpha_arcsec"], measured.table["alpha_arcsec"], rtol=1e-8)
 
