@@ -33,6 +33,8 @@ class RingPlane:
         Variance of the level in units of the scatter squared.
     slope_variance : (M, 2) array, 1 / pixel squared
         Variance of the slope in the same units.
+    excess, excess_error : (M,) arrays, DN
+        How much brighter the innermost pixels of the ring are than its outermost, and the error of that.
     """
 
     level: Floats
@@ -40,6 +42,8 @@ class RingPlane:
     scatter: Floats
     level_variance: Floats
     slope_variance: Floats
+    excess: Floats
+    excess_error: Floats
 
     def over(self, reach: int, dtype: DTypeLike = np.float64) -> Pixels:
         """Plane over the middle ``2 * reach + 1`` pixels, as (M, rows, columns)."""
@@ -100,12 +104,17 @@ def fit_ring(stamps: Pixels, side: int) -> RingPlane:
     fit = _fit(values, present & (np.abs(values) <= _CLIP * scatter[:, None]), basis)
     residual = values - fit.plane.astype(values.dtype) @ basis.T
     fit = _fit(values, present & (np.abs(residual) <= _CLIP * fit.scatter.astype(values.dtype)[:, None]), basis)
+    edge = distance[row, column]
+    inner, outer = edge == side // 2 + 1, edge == side // 2 + RING
+    share = (inner / inner.sum() - outer / outer.sum()).astype(values.dtype)
     return RingPlane(
         level=middle + fit.plane[:, 0],
         slope=fit.plane[:, 1:] / reach,
         scatter=fit.scatter,
         level_variance=fit.inverse[:, 0, 0],
         slope_variance=fit.inverse[:, (1, 2), (1, 2)] / reach**2,
+        excess=(values @ share).astype(np.float64),
+        excess_error=fit.scatter * float(np.sqrt((share**2).sum())),
     )
 
 

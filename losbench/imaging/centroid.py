@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,8 @@ from losbench.imaging.detector import Detector
 from losbench.imaging.estimates import TEMPLATES, Choices
 from losbench.imaging.results import Centroids, SpotFlag, all_missing, only_frame
 from losbench.imaging.stamps import as_stack, as_starts, in_frame, peak_pixels, spot_sigma
-from losbench.imaging.windows import measure_windows, template_width
+from losbench.imaging.widths import template_widths
+from losbench.imaging.windows import measure_windows
 
 __all__ = ["centroid", "default_window", "window_path"]
 
@@ -57,9 +57,10 @@ def centroid(
     window : odd int, pixels, optional
         Side N of the window. By default the first odd N of at least six sigma (1.5 spot diameters of four sigma), one
         for the whole call, from the median over the spots of `spot_sigma`.
-    sigma : float or (2,) array, pixels, optional
-        Width of the template, or where the fit of it begins, along x and y. By default the median of what fits up
-        to 400 spots best, of ten or more the brighter half: one faint or undersampled star does not tell its width.
+    sigma : float, (2,) or (n, 2) array, pixels, optional
+        Width of the template, or where the fit of it begins, along x and y. By default what fits best: the median over
+        frames for a spot that four frames show well, else the median of the call, weighted by information. One faint
+        or undersampled star does not tell its width.
     stop : "error" or "step"
         EIWA only. "step" is the paper to the letter: stop when the centroid moves by less than 0.005 pixel. "error"
         takes safeguarded Newton steps to the same fixed point, until the error that is left is below 0.001 pixel.
@@ -105,6 +106,8 @@ def centroid(
     TOO_FAINT     the flux is below five times its error                                                 NaN
     SLOW          contraction above 0.85: the centroid follows its window, and hardly the spot           kept
     MISSING       no start within the frame, or a pixel of the window was not read                       NaN
+    RING          the spot's own light lies in the ring and tilts the plane: give a larger ring          kept
+    MISFIT        template and window, or their middles, differ by a tenth in light: wrong width or shape kept
     ============= ====================================================================================== ============
 
     The error is the sandwich error of the equation sum w(c) (x - c) (I - B) = 0 with background plane B: the root of
@@ -145,14 +148,20 @@ def centroid(
     )
     at = peak_pixels(stack, places, max(2, side // 4)) if first == "peak" else places
     frame, spot, middle = in_frame(stack, at)
+    width = None
     if method in TEMPLATES:
-        how = replace(how, width_px=template_width(stack, frame, middle, how) if sigma is None else _sigma(sigma, side))
-    result = all_missing(places.shape[:2], side, how.width_px)
+        n_spots = places.shape[1]
+        if sigma is None:
+            width = template_widths(stack, frame, spot, middle, n_spots, how)
+        else:
+            width = _sigma(sigma, n_spots, side)
+    result = all_missing(places.shape[:2], side, width)
     per_block = max(1, _BLOCK_PIXELS // (how.ring + 2 * RING) ** 2)
     for first_of_block in range(0, len(frame), per_block):
         block = slice(first_of_block, first_of_block + per_block)
         where = frame[block], spot[block]
-        measured = measure_windows(stack, frame[block], middle[block], at[where], how)
+        mine = None if width is None else width[spot[block]]
+        measured = measure_windows(stack, frame[block], middle[block], at[where], how, width=mine)
         for name, values in vars(measured).items():
             getattr(result, name)[where] = values
     result.flags[_crowded(places, side)] |= SpotFlag.NEIGHBOUR
@@ -244,11 +253,13 @@ def _window(stack: NDArray[Any], places: Floats, window: int | None) -> int:
     return side
 
 
-def _sigma(sigma: ArrayLike, window: int) -> Floats:
+def _sigma(sigma: ArrayLike, n_spots: int, window: int) -> Floats:
     given = finite("sigma", sigma)
-    if given.shape not in ((), (2,)) or not ((given >= 0.1) & (given <= window)).all():
-        raise ValueError(f"sigma must be a number or two of 0.1 to {window} pixels, the window, got {sigma!r}")
-    return np.broadcast_to(given, (2,))
+    if given.shape not in ((), (2,), (n_spots, 2)) or not ((given >= 0.1) & (given <= window)).all():
+        raise ValueError(
+            f"sigma must be a number, two or ({n_spots}, 2), of 0.1 to {window} pixels, the window, got {sigma!r}"
+        )
+    return np.broadcast_to(given, (n_spots, 2)).copy()
 
 
 def _odd(name: str, value: int, low: int) -> int:

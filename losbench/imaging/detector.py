@@ -70,13 +70,15 @@ class Detector:
         positive("gain_e_per_dn", number("gain_e_per_dn", self.gain_e_per_dn))
         number("read_noise_e", self.read_noise_e, low=0)
         number("offset_dn", self.offset_dn, low=0)
-        if not self.full_well_e > 0:
-            raise ValueError(f"full_well_e must be positive, got {self.full_well_e}")
+        if self.full_well_e != np.inf:
+            positive("full_well_e", number("full_well_e", self.full_well_e))
         integer("bits", self.bits, low=8, high=16)
         number("prnu", self.prnu, low=0, high=0.5)
         integer("prnu_seed", self.prnu_seed, low=0, high=2**63)
+        if not isinstance(self.hot_pixels, tuple | list):
+            raise ValueError(f"hot_pixels must be a tuple of (x, y, electrons), got {self.hot_pixels!r}")
         for pixel in self.hot_pixels:
-            if len(pixel) != 3 or not pixel[2] >= 0:
+            if not _is_hot_pixel(pixel):
                 raise ValueError(f"hot_pixels must be (x, y, electrons) with electrons of at least 0, got {pixel!r}")
 
     @classmethod
@@ -174,6 +176,14 @@ class Detector:
         y = (place[..., 1, None, None] + np.arange(shape[-2])[:, None]).astype(np.uint64)
         mixed = _splitmix64(_splitmix64(_splitmix64(np.array([self.prnu_seed], dtype=np.uint64)) ^ y) ^ x)
         return ndtri(((mixed >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53)
+
+
+def _is_hot_pixel(pixel: object) -> bool:
+    try:
+        x, y, electrons = map(float, pixel)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        return False
+    return bool(np.isfinite([x, y]).all() and electrons >= 0)
 
 
 def _splitmix64(state: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from losbench.imaging.background import PixelNoise
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import NEWTON_LIMIT, WindowFit, eiwa, grey, spread
-from losbench.imaging.template import TemplateFit, gaussian, weighted
+from losbench.imaging.template import TemplateFit, gaussian, light, weighted
 
 __all__ = ["TEMPLATES", "Choices", "Estimate", "estimate"]
 
@@ -19,6 +19,9 @@ Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
 
 TEMPLATES = ("weighted", "gaussian")
+
+_MISFIT = 0.1  # of the light of a window
+_SURE = 5.0  # sigma
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,6 @@ class Choices:
     noise: Detector | None
     full_scale: float
     rounding: float  # variance of a reading's rounding, DN squared
-    width_px: Floats | None = None  # widths (2,) of the template
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Estimate:
     """Centroids of M windows, counted from the middle of their stamps.
 
     Centroid and its error (M, 2), flux and its error (M,), evaluations, converged or not, the middle of the window
-    (M, 2), and whether the centroid follows its window more than the spot.
+    (M, 2), whether the centroid follows its window more than the spot, and whether a template does not fit it.
     """
 
     centroid: Floats
@@ -55,17 +57,25 @@ class Estimate:
     converged: NDArray[np.bool_]
     middle: Floats
     slow: NDArray[np.bool_]
+    misfit: NDArray[np.bool_]
 
 
 def estimate(
-    signal: Pixels, start: Floats, noise: PixelNoise, how: Choices, *, path: list[Floats] | None = None
+    signal: Pixels,
+    start: Floats,
+    noise: PixelNoise,
+    how: Choices,
+    *,
+    width: Floats | None = None,
+    path: list[Floats] | None = None,
 ) -> Estimate:
     """Measure M stamps without background (M, window + 2, window + 2) from starts (M, 2) near their middles.
 
-    ``path`` receives the centres of every iteration of EIWA, the start included.
+    The methods with a template need its ``width`` (M, 2). ``path`` receives the centres of every iteration of EIWA,
+    the start included.
     """
-    if how.method in TEMPLATES:
-        return _of_template(signal[:, 1:-1, 1:-1], start, noise, how)
+    if width is not None:
+        return _of_template(signal[:, 1:-1, 1:-1], start, width, noise, how)
     if how.method == "grey":
         return _of_window(signal, grey(signal, np.zeros_like(start), how.window), noise, how)
     size, most = how.tolerance, how.max_iter
@@ -73,13 +83,21 @@ def estimate(
     return _of_window(signal, fit, noise, how)
 
 
-def _of_template(window: Pixels, start: Floats, noise: PixelNoise, how: Choices) -> Estimate:
-    assert how.width_px is not None
+def _of_template(window: Pixels, start: Floats, width: Floats, noise: PixelNoise, how: Choices) -> Estimate:
+    """Fit a template, and hold its light against that of the window and of its middle: there a wrong width shows."""
     if how.method == "weighted":
-        fit: TemplateFit = weighted(window, start, how.width_px, noise, tolerance=how.tolerance, max_iter=how.max_iter)
+        fit: TemplateFit = weighted(window, start, width, noise, tolerance=how.tolerance, max_iter=how.max_iter)
     else:
-        fit = gaussian(window, start, how.width_px, noise, max_iter=how.max_iter)
-    return Estimate(**vars(fit), middle=np.zeros_like(start), slow=np.zeros(len(start), dtype=bool))
+        fit = gaussian(window, start, width, noise, max_iter=how.max_iter)
+    total = light(window)
+    side = window.shape[1]
+    count = np.array([[side], [side - 2 * (side // 4)]]) ** 2
+    variance = count * noise.floor + noise.per_dn * np.maximum(total, 0.0) + count**2 * noise.plane[:, 0]
+    with np.errstate(invalid="ignore"):
+        astray = np.abs(fit.inside - total) > _MISFIT * np.abs(total) + _SURE * np.sqrt(variance)
+    fields = {name: value for name, value in vars(fit).items() if name != "inside"}
+    still = np.zeros(len(start), dtype=bool)
+    return Estimate(**fields, middle=np.zeros_like(start), slow=still, misfit=astray[0] | astray[1])
 
 
 def _of_window(signal: Pixels, fit: WindowFit, noise: PixelNoise, how: Choices) -> Estimate:
@@ -103,4 +121,5 @@ def _of_window(signal: Pixels, fit: WindowFit, noise: PixelNoise, how: Choices) 
         converged=fit.converged,
         middle=middle,
         slow=seen.contraction.max(axis=1) > NEWTON_LIMIT,
+        misfit=np.zeros(len(fit.centroid), dtype=bool),
     )

@@ -31,6 +31,8 @@ class SpotFlag(IntFlag):
     TOO_FAINT = 16
     SLOW = 32
     MISSING = 64
+    MISFIT = 128
+    RING = 256
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,8 @@ class Centroids:
         Bits of `SpotFlag`; 0 is a spot without reproach.
     window : int, pixels
         Side of the window that was used.
-    width_px : (2,) array or None
-        Sigma of the template along x and y, as given or found; None for the methods that have no template.
+    width_px : (n, 2) array or None
+        Sigma of each spot's template along x and y, as given or found; None for the methods that have no template.
     """
 
     xy: Floats

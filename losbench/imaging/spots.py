@@ -59,6 +59,8 @@ def render_spots(
     shaped("xy", centres, ("...", "n", 2))
     if centres.size:
         finite("xy", centres)
+    if np.shape(shape) != (2,):
+        raise ValueError(f"shape must be (rows, columns), got {shape!r}")
     rows, columns = (integer("shape", length, low=1) for length in shape)
     corner = finite("origin", origin)
     shaped("origin", corner, ("...", 2))

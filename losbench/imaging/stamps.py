@@ -17,11 +17,16 @@ Pixels = NDArray[np.floating[Any]]
 
 _SIGMA_REACH = 20  # pixels around a spot that its width is read from
 _SIGMA_FRAMES = 16
+_SIGMA_SPOTS = 64
 
 
 def as_stack(frames: ArrayLike) -> NDArray[Any]:
-    """Return frames as (F, H, W), in their own type; raise if they are no images or there are none."""
-    stack = np.asanyarray(frames)
+    """Return frames as (F, H, W), in their own type, masked pixels as NaN; raise if they are no images or none."""
+    if isinstance(frames, np.ma.MaskedArray):
+        of_type = np.result_type(frames.dtype, np.float32)
+        stack = np.where(np.ma.getmaskarray(frames), np.nan, np.ma.getdata(frames)).astype(of_type)
+    else:
+        stack = np.asarray(frames)
     if stack.ndim not in (2, 3):
         raise ValueError(f"frames must have shape (F, H, W) or (H, W), got {stack.shape}")
     if stack.dtype.kind not in "uif":
@@ -74,6 +79,8 @@ def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.
         pixels = stack[frame[outside, None, None], y.clip(0, rows - 1)[:, :, None], x.clip(0, columns - 1)[:, None, :]]
         present = ((y >= 0) & (y < rows))[:, :, None] & ((x >= 0) & (x < columns))[:, None, :]
         stamps[outside] = np.where(present, pixels, np.nan)
+    if stack.dtype.kind == "f" and np.isinf(stamps).any():
+        raise ValueError("frames must be finite, or NaN where a pixel was not read, got infinity")
     return stamps
 
 
@@ -111,7 +118,7 @@ def peak_pixels(frames: ArrayLike, near: ArrayLike, radius: int) -> Floats:
     frame, spot, middle = in_frame(stack, places)
     peaks = np.full(places.shape, np.nan)
     stamps = cut_stamps(stack, frame, middle, reach)
-    pixels = np.where(np.isnan(stamps), -np.inf, stamps).reshape(len(frame), -1)
+    pixels = np.where(np.isnan(stamps), -np.inf, stamps).reshape(len(frame), (2 * reach + 1) ** 2)
     row, column = np.divmod(pixels.argmax(axis=1), 2 * reach + 1)
     found = middle + np.stack([column, row], axis=-1) - reach
     peaks[frame, spot] = np.where(np.isneginf(pixels.max(axis=1))[:, None], np.nan, found)
@@ -127,7 +134,7 @@ def in_frame(stack: NDArray[Any], places: Floats) -> tuple[NDArray[np.intp], NDA
 
 
 def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
-    """Width of the spots: the median over spots of the Gaussian sigma of their bright part, the wider axis, in pixels.
+    """Width of the spots, in pixels: the median over up to 64 of the Gaussian sigma of their bright part's wider axis.
 
     Each spot is averaged over up to 16 frames. What exceeds a third of its peak, and is connected with it, is weighted
     by that excess; its second moment about its own centre is a known part of a Gaussian's. NaN if no spot is seen.
@@ -141,7 +148,9 @@ def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
     chosen = np.unique(np.linspace(0, len(stack) - 1, _SIGMA_FRAMES).astype(int))
     frame, spot, middle = in_frame(stack, places[chosen])
     stamps = cut_stamps(stack, chosen[frame], middle, _SIGMA_REACH)
-    widths = [_bright_sigma(stamps[spot == k].astype(np.float64)) for k in np.unique(spot)]
+    seen = np.unique(spot)
+    few = seen[np.unique(np.linspace(0, len(seen) - 1, _SIGMA_SPOTS, dtype=np.intp))] if len(seen) else seen
+    widths = [_bright_sigma(stamps[spot == k].astype(np.float64)) for k in few]
     return float(np.nanmedian(widths)) if np.isfinite(widths).any() else np.nan
 
 

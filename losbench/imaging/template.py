@@ -25,26 +25,39 @@ from losbench.imaging.background import PixelNoise
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
-__all__ = ["TemplateFit", "fitted_width", "gaussian", "weighted"]
+__all__ = ["FittedWidths", "TemplateFit", "fitted_widths", "gaussian", "light", "weighted"]
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
 
 _LONGEST_STEP = 1.0  # pixels
-_NARROWEST, _WIDEST = 0.3, 3.0  # of a width: pixels, and in units of the first guess
+_NARROWEST = 0.3  # pixels of sigma
 _SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
 
 
 @dataclass(frozen=True)
 class TemplateFit:
-    """Fits of M spots: centroid and its error (M, 2), flux and its error, evaluations, and converged or not (M,)."""
+    """Fits of M spots.
+
+    Centroid and its error (M, 2); flux and its error (M,); the template's light in the window and in the middle of the
+    window, half as wide, (2, M); evaluations, and converged or not, (M,).
+    """
 
     centroid: Floats
     sigma: Floats
     flux: Floats
     sigma_flux: Floats
+    inside: Floats
     n_iter: NDArray[np.int64]
     converged: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class FittedWidths:
+    """Widths (M, 2) in pixels, and the flux that they rest on in units of its error (M,)."""
+
+    width: Floats
+    significance: Floats
 
 
 def weighted(
@@ -57,7 +70,7 @@ def weighted(
     pixels : (M, S, S) array, DN
         Stamps without background.
     start : (M, 2) array, pixels
-    width : (2,) array, pixels
+    width : (M, 2) array, pixels
         Sigma along x and y.
     noise : PixelNoise
     tolerance : float, pixels
@@ -72,15 +85,16 @@ def weighted(
     count = len(pixels)
     centre, flux = start.copy(), pixels.sum(axis=(1, 2), dtype=np.float64)
     n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-    variance = np.full((count, 3), np.nan)
+    variance, held = np.full((count, 3), np.nan), np.full((2, count), np.nan)
     moving = np.arange(count)
     for _ in range(max_iter):
         some = slice(None) if moving.size == count else moving
-        columns = _columns(pixels, centre[some], width)
+        columns = _columns(pixels, centre[some], width[some])
         solved = _weighted_fit(columns, pixels[some], flux[some], noise.floor[some], noise.per_dn, noise.plane[some])
         step = _step(solved.values)
         centre[some] += step
         flux[some], variance[some] = solved.values[:, 0], solved.variance
+        held[:, some] = light(columns[:, 0].reshape(-1, *pixels.shape[1:]))
         n_iter[some] += 1
         converged[some] = done = np.hypot(step[:, 0], step[:, 1]) < tolerance
         within = (np.abs(centre[some]) <= 1.0).all(axis=1)
@@ -89,7 +103,7 @@ def weighted(
             break
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = np.sqrt(variance[:, 1:]) / np.where(flux > 0, flux, np.nan)[:, None]
-    return TemplateFit(centre, sigma, flux, np.sqrt(variance[:, 0]), n_iter, converged & (flux > 0))
+    return TemplateFit(centre, sigma, flux, np.sqrt(variance[:, 0]), held * flux, n_iter, converged & (flux > 0))
 
 
 def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, max_iter: int) -> TemplateFit:
@@ -99,7 +113,7 @@ def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *,
     ----------
     pixels, start, noise
         As in `weighted`.
-    width : (2,) array, pixels
+    width : (M, 2) array, pixels
         Where both widths begin.
     max_iter : int
 
@@ -109,20 +123,25 @@ def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *,
         With the sandwich error: what pixels of this variance do to a fit that weights them alike.
     """
     count = len(pixels)
-    values, variance = np.full((count, 5), np.nan), np.full((count, 3), np.nan)
+    values, variance, held = np.full((count, 5), np.nan), np.full((count, 3), np.nan), np.full((2, count), np.nan)
     n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     for k in range(count):
         data = pixels[k].astype(np.float64)
-        if not np.isfinite(data).all() or not np.isfinite(noise.floor[k]):
+        unit = float(np.abs(data).max())
+        if not 0.0 < unit < np.inf or not np.isfinite(noise.floor[k]):
             continue
-        fit = _least_squares(data, start[k], width, max_iter)
+        # The fit's own tolerances are absolute.
+        fit = _least_squares(data / unit, start[k], width[k], max_iter)
         pull = np.linalg.pinv(np.asarray(fit.jac))
-        of_pixels = noise.floor[k] + noise.per_dn * np.maximum(fit.fun + data.ravel(), 0.0)
-        spread = pull**2 @ of_pixels + (pull @ _plane_basis(len(data)).T) ** 2 @ noise.plane[k]
+        model = fit.fun + data.ravel() / unit
+        of_pixels = noise.floor[k] / unit**2 + noise.per_dn / unit * np.maximum(model, 0.0)
+        spread = pull**2 @ of_pixels + (pull @ _plane_basis(len(data)).T) ** 2 @ (noise.plane[k] / unit**2)
         values[k], variance[k], n_iter[k] = fit.x, spread[:3], fit.nfev
+        values[k, 0], variance[k, 0] = unit * fit.x[0], unit**2 * spread[0]
+        held[:, k] = unit * light(model.reshape(1, *data.shape))[:, 0]
         converged[k] = fit.success and fit.x[0] > 0
     sigma = np.sqrt(variance)
-    return TemplateFit(values[:, 1:3], sigma[:, 1:], values[:, 0], sigma[:, 0], n_iter, converged)
+    return TemplateFit(values[:, 1:3], sigma[:, 1:], values[:, 0], sigma[:, 0], held, n_iter, converged)
 
 
 def _least_squares(data: Floats, start: Floats, width: Floats, max_iter: int) -> OptimizeResult:
@@ -141,28 +160,33 @@ def _least_squares(data: Floats, start: Floats, width: Floats, max_iter: int) ->
     def slopes(p: Floats) -> Floats:
         return columns(p).T
 
-    first = np.array([max(float(data.sum()), 1.0), *start, *np.log(width)])
+    first = np.array([max(float(data.sum()), 1e-3), *start, *np.log(width)])
     return least_squares(misfit, first, jac=slopes, x_scale="jac", max_nfev=max_iter)
 
 
-def fitted_width(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, steps: int = 12) -> Floats:
-    """Median over M spots of the width (2,) that fits them best, in pixels, from a first guess ``width``.
-
-    One width for all: single stars, and undersampled ones above all, do not tell theirs.
-    """
+def fitted_widths(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, steps: int = 12) -> FittedWidths:
+    """Fit flux, place and both widths of M spots by weighted least squares, from a first guess ``width`` (2,)."""
     reach = pixels.shape[1] / 3.0
     centre, flux = np.clip(start, -reach, reach), pixels.sum(axis=(1, 2), dtype=np.float64)
     each = np.broadcast_to(width, centre.shape).copy()
     for _ in range(steps):
         columns = _columns(pixels, centre, each, widths=True)
-        values = _weighted_fit(columns, pixels, flux, noise.floor, noise.per_dn, noise.plane).values
-        flux = values[:, 0]
-        centre = np.clip(centre + _step(values[:, :3]), -reach, reach)
+        solved = _weighted_fit(columns, pixels, flux, noise.floor, noise.per_dn, noise.plane)
+        flux = solved.values[:, 0]
+        centre = np.clip(centre + _step(solved.values[:, :3]), -reach, reach)
         with np.errstate(divide="ignore", invalid="ignore"):
-            change = values[:, 3:] / flux[:, None]
-        each = np.clip(each + np.clip(np.nan_to_num(change), -0.3, 0.3) * each, _NARROWEST, _WIDEST * width)
-    told = flux > 0
-    return np.median(each[told], axis=0) if told.any() else np.maximum(width, _NARROWEST)
+            change = np.nan_to_num(solved.values[:, 3:] / flux[:, None])
+        each = np.clip(each + np.clip(change, -0.3, 0.3) * each, _NARROWEST, pixels.shape[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        significance = np.nan_to_num(flux / np.sqrt(solved.variance[:, 0]), posinf=1e9)
+    return FittedWidths(each, np.clip(significance, 0.0, None))
+
+
+def light(pixels: Pixels) -> Floats:
+    """Sums of M windows, and of the middle of each, half as wide, (2, M)."""
+    side = pixels.shape[1]
+    middle = slice(side // 4, side - side // 4)
+    return np.stack([each.sum(axis=(1, 2), dtype=np.float64) for each in (pixels, pixels[:, middle, middle])])
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from losbench.imaging.background import RING, PixelNoise, RingPlane, fit_ring, gate_hot_pixels
-from losbench.imaging.eiwa import grey, look
+from losbench.imaging.eiwa import look
 from losbench.imaging.estimates import Choices, Estimate, estimate
 from losbench.imaging.results import SpotFlag
 from losbench.imaging.stamps import cut_stamps
-from losbench.imaging.template import fitted_width
 
-__all__ = ["Measured", "measure_windows", "template_width"]
+__all__ = ["Measured", "Stamps", "cut_windows", "level_of", "measure_windows", "pixel_noise", "saturated"]
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
@@ -24,8 +23,8 @@ Whole = NDArray[np.intp]
 _OFF_CENTRE = 0.6  # pixels; over a half, so that a centroid near a pixel border is not cut back and forth
 _FAINTEST = 5.0  # flux in units of its error
 _PLATEAU = 5  # pixels
-_WIDTHS = 400  # spots that are asked for their width
-_MANY = 10  # from here on the brighter half of them
+_LEAK = 0.01  # of the peak
+_SURE = 5.0  # sigma
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class _Stamps:
+class Stamps:
     """Windows ready to be weighed: what was read, the background under it, what is left, and what was not read."""
 
     raw: Pixels
@@ -57,20 +56,22 @@ def measure_windows(
     start: Floats,
     how: Choices,
     *,
+    width: Floats | None = None,
     now: Floats | None = None,
     path: list[Floats] | None = None,
     recuts: int = 10,
 ) -> Measured:
     """Measure M spots: frame numbers (M,), whole pixels to cut around (M, 2) and starts (M, 2) in frame pixels.
 
-    A window that leaves the middle pixel of its stamp, or comes to rest off it while the ring does not, is cut anew
-    around where it is ``now``. ``path`` receives the centres (M, 2) of every iteration.
+    The methods with a template need its ``width`` (M, 2). A window that leaves the middle pixel of its stamp, or comes
+    to rest off it while the ring does not, is cut anew around where it is ``now``. ``path`` receives the centres (M, 2)
+    of every iteration.
     """
-    stamps = _cut(stack, frame, middle, how)
-    level = _level(stamps, how)
+    stamps = cut_windows(stack, frame, middle, how)
+    level = level_of(stamps, how)
     trace: list[Floats] | None = None if path is None else []
     here = (start if now is None else now) - middle
-    fit = estimate(stamps.signal, here, _noise(stamps, level, how), how, path=trace)
+    fit = estimate(stamps.signal, here, pixel_noise(stamps, level, how), how, width=width, path=trace)
     if path is not None and trace is not None:
         path.extend(centre + middle for centre in trace[bool(path) :])
     result = _judge(stack.shape[1:], middle, stamps, level, fit, how)
@@ -86,34 +87,14 @@ def measure_windows(
         again &= ~fit.converged
     if recuts and again.any():
         now = moved[again] + middle[again]
+        mine = None if width is None else width[again]
         redone = measure_windows(
-            stack, frame[again], nearest[again], start[again], how, now=now, path=path, recuts=recuts - 1
+            stack, frame[again], nearest[again], start[again], how, width=mine, now=now, path=path, recuts=recuts - 1
         )
         redone.n_iter[:] += result.n_iter[again]
         for name, values in vars(result).items():
             values[again] = getattr(redone, name)
     return result
-
-
-def template_width(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> Floats:
-    """Width (2,) of the spots along x and y in pixels: the median of what fits up to 400 of them best."""
-    some = np.unique(np.linspace(0, len(frame) - 1, _WIDTHS).astype(np.intp)) if len(frame) else np.zeros(0, np.intp)
-    guess = np.full(2, how.window / 6.0)
-    stamps = _cut(stack, frame[some], middle[some], how)
-    level = _level(stamps, how)
-    window = stamps.signal[:, 1:-1, 1:-1]
-    flux = window.sum(axis=(1, 2), dtype=np.float64)
-    usable = np.isfinite(flux) & ~_saturated(stamps, level, how)
-    if stamps.missing is not None:
-        usable &= ~stamps.missing.any(axis=(1, 2))
-    if not usable.any():
-        return guess
-    if usable.sum() >= _MANY:
-        usable &= flux >= np.median(flux[usable])
-    noise = _noise(stamps, level, how)
-    some_noise = PixelNoise(noise.floor[usable], noise.per_dn, noise.plane[usable])
-    start = np.nan_to_num(grey(stamps.signal[usable], np.zeros((len(some_noise.floor), 2)), how.window).centroid)
-    return fitted_width(window[usable], start, guess, some_noise)
 
 
 def _longest(vectors: Floats) -> Floats:
@@ -125,7 +106,8 @@ def _inside(pixels: Whole, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
 
 
-def _cut(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> _Stamps:
+def cut_windows(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> Stamps:
+    """Cut M windows, each with a margin of one pixel, around whole pixels (M, 2), and take the background off."""
     stamps = cut_stamps(stack, frame, middle, how.ring // 2 + RING)
     plane = fit_ring(stamps, how.ring)
     # One pixel for the window to move in, and one more where the gate looks at neighbours.
@@ -141,7 +123,7 @@ def _cut(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> _Sta
         signal = gate_hot_pixels(signal, np.nan_to_num(plane.scatter))[:, 1:-1, 1:-1]
         raw = raw[:, 1:-1, 1:-1]
         missing = None if missing is None else missing[:, 1:-1, 1:-1]
-    return _Stamps(raw, signal, missing, plane)
+    return Stamps(raw, signal, missing, plane)
 
 
 def _under(plane: RingPlane, how: Choices, reach: int, dtype: DTypeLike = np.float64) -> Pixels:
@@ -150,16 +132,18 @@ def _under(plane: RingPlane, how: Choices, reach: int, dtype: DTypeLike = np.flo
     return np.full((1, 1, 1), 0.0 if how.background == "none" else how.background, dtype=dtype)
 
 
-def _level(stamps: _Stamps, how: Choices) -> Floats:
+def level_of(stamps: Stamps, how: Choices) -> Floats:
     """Background in the middle of each stamp, (M,)."""
     level = np.asarray(_under(stamps.plane, how, 0), dtype=np.float64).reshape(-1)
     return np.broadcast_to(level, (len(stamps.raw),)).copy()
 
 
-def _noise(stamps: _Stamps, level: Floats, how: Choices) -> PixelNoise:
+def pixel_noise(stamps: Stamps, level: Floats, how: Choices) -> PixelNoise:
     """Variance of the pixels on that background, from the detector or else from the ring."""
     if how.noise is None:
-        floor, per_dn = np.maximum(stamps.plane.scatter**2, how.rounding), 0.0
+        # Frames without any noise are known to their last digit, not to nothing.
+        digit = np.finfo(stamps.raw.dtype).eps * np.abs(np.nan_to_num(stamps.raw)).max(axis=(1, 2)).astype(np.float64)
+        floor, per_dn = np.maximum(stamps.plane.scatter**2, how.rounding + digit**2), 0.0
     else:
         floor, per_dn = how.noise.variance_dn(level), 1.0 / how.noise.gain_e_per_dn
     plane = np.zeros((len(floor), 3))
@@ -170,7 +154,7 @@ def _noise(stamps: _Stamps, level: Floats, how: Choices) -> PixelNoise:
 
 
 def _judge(
-    shape: tuple[int, ...], middle: Whole, stamps: _Stamps, level: Floats, fit: Estimate, how: Choices
+    shape: tuple[int, ...], middle: Whole, stamps: Stamps, level: Floats, fit: Estimate, how: Choices
 ) -> Measured:
     """Flags of windows that have come to rest."""
     if how.background == "ring":
@@ -192,9 +176,11 @@ def _judge(
     for flag, where in (
         (SpotFlag.NOT_CONVERGED, ~fit.converged & ~holes),
         (SpotFlag.EDGE, leaves | clipped),
-        (SpotFlag.SATURATED, _saturated(stamps, level, how)),
+        (SpotFlag.SATURATED, saturated(stamps, level, how)),
         (SpotFlag.TOO_FAINT, faint & ~holes),
         (SpotFlag.SLOW, fit.slow),
+        (SpotFlag.RING, _leaks(stamps, level, how) & ~faint & ~leaves & ~clipped),
+        (SpotFlag.MISFIT, fit.misfit & ~faint & ~leaves),
         (SpotFlag.MISSING, holes),
     ):
         flags[where] |= flag
@@ -203,7 +189,18 @@ def _judge(
     return Measured(xy, np.where(np.isnan(xy), np.nan, fit.sigma), fit.flux, level, fit.n_iter.copy(), flags)
 
 
-def _saturated(stamps: _Stamps, level: Floats, how: Choices) -> NDArray[np.bool_]:
+def _leaks(stamps: Stamps, level: Floats, how: Choices) -> NDArray[np.bool_]:
+    """The ring grows brighter towards the spot: surely, and by more than a hundredth of the spot's peak."""
+    if how.background != "ring":
+        return np.zeros(len(level), dtype=bool)
+    excess, error = stamps.plane.excess, stamps.plane.excess_error
+    with np.errstate(invalid="ignore"):
+        peak = np.nan_to_num(stamps.raw).max(axis=(1, 2)) - level
+        leaks: NDArray[np.bool_] = (excess > _SURE * error) & (excess > _LEAK * peak)
+    return leaks
+
+
+def saturated(stamps: Stamps, level: Floats, how: Choices) -> NDArray[np.bool_]:
     """Full scale is reached, or more pixels share the maximum than whole numbers make of a round top."""
     inner = stamps.raw[:, 1:-1, 1:-1].reshape(len(level), -1)
     if stamps.missing is not None:

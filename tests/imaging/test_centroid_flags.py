@@ -192,3 +192,45 @@ def test_a_path_needs_one_start_in_one_image():
         window_path(GOOD[0], [99, 3], window=13)
     with pytest.raises(ValueError, match="radius must be a whole number of at least 0, got -1"):
         peak_pixels(GOOD, [[3, 3]], -1)
+
+
+@pytest.mark.parametrize("method", ["eiwa", "grey", "weighted", "gaussian"])
+def test_no_start_in_any_frame_gives_nothing_but_missing(method):
+    for start in ([[np.nan, np.nan]], [[500.0, 3.0]]):
+        found = lb.centroid(np.ones((3, 20, 20)), start, method=method, window=9)
+        assert (found.flags == SpotFlag.MISSING).all()
+        assert np.isnan(found.xy).all()
+
+
+def test_a_masked_pixel_was_not_read():
+    frame = image([[40.0, 30.0]])
+    masked = np.ma.masked_array(frame, mask=np.zeros(frame.shape, dtype=bool))
+    masked[30, 44] = np.ma.masked
+    assert flags(masked, [[40, 30]], window=13) == SpotFlag.MISSING
+    masked.mask[30, 44], masked.mask[30, 60] = False, True
+    np.testing.assert_allclose(
+        lb.centroid(masked, [[40, 30]], window=13).xy, lb.centroid(frame, [[40, 30]], window=13).xy, atol=1e-5
+    )
+
+
+def test_infinity_near_a_spot_is_refused():
+    frame = image([[40.0, 30.0]]).astype(np.float32)
+    frame[30, 41] = np.inf
+    with pytest.raises(ValueError, match="frames must be finite, or NaN where a pixel was not read, got infinity"):
+        lb.centroid(frame, [[40, 30]], window=13)
+
+
+@pytest.mark.parametrize(
+    ("window", "ring", "leaks"), [(9, None, True), (13, None, True), (9, 19, False), (19, None, False)]
+)
+def test_light_of_the_spot_in_the_ring_is_flagged(window, ring, leaks):
+    frame = image([[40.0, 30.0]], flux=2e5, sigma=3.0)
+    found = lb.centroid(frame, [[40, 30]], window=window, ring=ring)
+    assert bool(found.flags[0] & SpotFlag.RING) == leaks
+
+
+def test_frames_without_noise_have_a_small_error_and_not_none():
+    frame = lb.render_spots([[20.3, 19.8]], 1e4, 0.8, (41, 41)).astype(np.float32)
+    for method in ("eiwa", "grey", "weighted", "gaussian"):
+        found = lb.centroid(frame, [[20, 20]], method=method, window=25)
+        assert (found.sigma_xy > 0).all()

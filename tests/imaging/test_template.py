@@ -177,7 +177,46 @@ def test_a_width_that_makes_no_sense_is_refused(sigma):
 def test_the_width_that_was_found_is_told():
     frames, xy, _ = spots(2.0, 50, n=200)
     found = lb.centroid(frames, np.rint(xy), method="weighted", window=13, noise=CAMERA)
-    np.testing.assert_allclose(found.width_px, 2.0, rtol=0.01)
+    np.testing.assert_allclose(found.width_px, [[2.0, 2.0]], rtol=0.02)
     one = lb.centroid(frames[0], np.rint(xy[0]), method="weighted", window=13, sigma=(1.9, 2.1))
-    assert one.width_px.tolist() == [1.9, 2.1]
+    assert one.width_px.tolist() == [[1.9, 2.1]]
     assert lb.centroid(frames, np.rint(xy), window=13).width_px is None
+
+
+def test_every_spot_of_a_recording_has_its_own_width():
+    rng = np.random.default_rng(6)
+    xy = np.array([[30.3, 30.1], [90.2, 29.8]]) + rng.uniform(-0.4, 0.4, (200, 2, 2))
+    frames = CAMERA.expose(lb.render_spots(xy, 3e4, [[1.5], [4.0]], (61, 121)) + BACKGROUND_E, rng)
+    found = lb.centroid(frames, np.rint(xy), method="weighted", window=25, noise=CAMERA)
+    np.testing.assert_allclose(found.width_px, [[1.5, 1.5], [4.0, 4.0]], rtol=0.03)
+    assert rms((found.xy - xy) / found.sigma_xy) == pytest.approx(1.0, abs=0.1)
+    assert not found.flags.any()
+
+
+def test_a_blocked_beam_has_no_vote():
+    rng = np.random.default_rng(7)
+    xy = np.array([[20.3, 20.1], [60.2, 19.8]]) + rng.uniform(-0.4, 0.4, (30, 2, 2))
+    flux = np.stack([np.full(30, 3e4), np.where(np.arange(30) < 20, 0.0, 3e4)], axis=-1)
+    frames = CAMERA.expose(lb.render_spots(xy, flux, 2.0, (41, 81)) + BACKGROUND_E, rng)
+    found = lb.centroid(frames, np.rint(xy), method="weighted", window=13, noise=CAMERA)
+    np.testing.assert_allclose(found.width_px, 2.0, rtol=0.05)
+    assert rms((found.xy[:, 0] - xy[:, 0]) / found.sigma_xy[:, 0]) == pytest.approx(1.0, abs=0.25)
+    assert (found.flags[:20, 1] & SpotFlag.TOO_FAINT).all()
+
+
+@pytest.mark.parametrize("sigma", [1.0, 4.0])
+def test_a_template_of_a_wrong_width_is_flagged(sigma):
+    frames, xy, _ = spots(2.0, 50, n=20)
+    found = lb.centroid(frames, np.rint(xy), method="weighted", window=13, sigma=sigma, noise=CAMERA)
+    assert (found.flags & SpotFlag.MISFIT).all()
+
+
+@pytest.mark.parametrize("factor", [1e-12, 1.0, 1e12])
+def test_a_fitted_gaussian_does_not_depend_on_the_unit(factor):
+    frames, xy, _ = spots(2.0, 50, n=5)
+    how = {"method": "gaussian", "window": 13}
+    expected = lb.centroid(frames.astype(np.float64), np.rint(xy), **how)
+    found = lb.centroid(factor * frames.astype(np.float64), np.rint(xy), **how)
+    np.testing.assert_allclose(found.xy, expected.xy, atol=1e-6)
+    np.testing.assert_allclose(found.sigma_xy, expected.sigma_xy, rtol=1e-3)
+    np.testing.assert_allclose(found.flux, factor * expected.flux, rtol=1e-5)
