@@ -10,6 +10,7 @@ import io
 import logging
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from fontTools.subset import Options, Subsetter  # type: ignore[import-untyped]
@@ -38,6 +39,7 @@ _SET_IN = {
     "FractionDenominatorShiftDown": 700,
     "FractionDenominatorDisplayStyleShiftDown": 1400,
 }
+_PRIMES = ("minute", "second", "uni2034")
 
 
 @cache
@@ -53,7 +55,23 @@ def math_font() -> str:
     constants.ScriptPercentScaleDown, constants.ScriptScriptPercentScaleDown = 72, 55
     for name, value in _SET_IN.items():
         getattr(constants, name).Value = value
+    _draw_primes_large(font)
     font.flavor = "woff"
     file = io.BytesIO()
     font.save(file)
     return "data:font/woff;base64," + base64.b64encode(file.getvalue()).decode()
+
+
+def _draw_primes_large(font: Any) -> None:
+    """Draw primes as TeX has them, twice as large and on the line: as superscripts they are scaled down and lifted."""
+    for name in _PRIMES:
+        glyph, (advance, bearing) = font["glyf"][name], font["hmtx"][name]
+        glyph.removeHinting()
+        if glyph.isComposite():
+            for part in glyph.components:
+                part.x *= 2
+        else:
+            glyph.coordinates.scale((2, 2))
+            glyph.coordinates.translate((0, -2100))
+        glyph.recalcBounds(font["glyf"])
+        font["hmtx"][name] = (2 * advance, 2 * bearing)

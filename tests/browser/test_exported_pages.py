@@ -23,9 +23,16 @@ $$w = \begin{cases} 1 & |r| \le c \\ c / |r| & |r| > c \end{cases}$$
 """
 
 
+# What is wider than its place and cannot be scrolled to: inside its cell, or beyond the page.
+_CUT = """() => [...document.querySelectorAll('.highlight pre, .jp-OutputArea-output, .jp-InputArea-editor, html')]
+    .filter(e => e.scrollWidth > e.clientWidth + 2)
+    .filter(e => e.tagName === 'HTML' || getComputedStyle(e).overflowX !== 'auto')
+    .map(e => `cut: ${e.className} ${e.textContent.slice(0, 60)}`)"""
+
+
 def drawn_without_a_network(browser, path):
     """Open a page with the network cut off; return what it asked for outside, and what it could not show."""
-    with browser.new_context(offline=True, viewport={"width": 1280, "height": 1000}) as context:
+    with browser.new_context(offline=True, viewport={"width": 1440, "height": 1000}) as context:
         page = context.new_page()
         asked, failed = [], []
         page.on("request", lambda request: asked.append(request.url))
@@ -42,15 +49,17 @@ def drawn_without_a_network(browser, path):
             r"() => [...document.querySelectorAll('.jp-RenderedMarkdown')].map(m => m.innerText)"
             r".filter(text => /\$[^$]+\$|\\(frac|begin|mathbf|alpha)/.test(text))"
         )
+        cut = page.evaluate(_CUT)
         counts = page.evaluate("() => [document.images.length, document.querySelectorAll('math').length]")
         outside = [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
-        return page.screenshot(full_page=True), outside, failed + blank + flat + left, counts
+        return page.screenshot(full_page=True), outside, failed + blank + flat + left + cut, counts
 
 
 def test_a_page_with_explorer_figure_and_formulas(browser, tmp_path, screenshots):
     source = notebook(
         "from losbench.workbench.explorers import MonteCarloExplorer\nMonteCarloExplorer()",
         "import matplotlib.pyplot as plt\n_ = plt.plot([1, 2])",
+        f"import pandas as pd\npd.DataFrame([range(40)], columns=['a rather wide column'] * 40)  # {'long ' * 60}",
     )
     source.cells.insert(0, nbformat.v4.new_markdown_cell(FORMULAS, id="formulas"))
     nbformat.write(source, tmp_path / "01-page.ipynb")
@@ -77,7 +86,7 @@ def test_a_page_that_asks_outside_would_be_noticed(browser, tmp_path):
     assert missing == ["https://example.org/a.png", ""]
 
 
-PAGES = sorted((build_folder() / "html").glob("*.html"))
+PAGES = sorted([*(build_folder() / "html").glob("*.html"), *build_folder().glob("ledger.html")])
 
 
 @pytest.mark.skipif(not PAGES, reason="no exported pages yet: make reproduce makes them")
