@@ -7,7 +7,7 @@ about our value), a proof a third (what the paper's own statements or geometry a
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -219,9 +219,16 @@ class Ledger:
         """Return the whole ledger as CSV text, one row per claim."""
         return as_csv(COLUMNS, self.rows())
 
-    def to_html(self) -> str:
-        """Return the whole ledger as a page of its own that asks for nothing from outside."""
-        return ledger_page(list(self.rows()))
+    def to_html(self, pages: Iterable[str] = ()) -> str:
+        """Return the whole ledger as a page of its own that asks for nothing from outside.
+
+        Parameters
+        ----------
+        pages : iterable of str
+            Names of the notebooks that have a page in the folder ``html`` beside this one, e.g. "03-monte-carlo": the
+            claims that they judge link to them.
+        """
+        return ledger_page(list(self.rows()), pages)
 
     def _claim(self, id_: str) -> Claim:
         if id_ not in self.claims:

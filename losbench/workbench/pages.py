@@ -9,15 +9,14 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
 
-from losbench.workbench.claims import COLUMNS, VERDICTS
+from losbench.workbench.claims import VERDICTS
 
 __all__ = ["index_page", "ledger_page"]
 
 
 def index_page(notebooks: Iterable[Path], build: Path) -> str:
-    """Return the page ``html/index.html`` of a build folder, for those of the notebooks that have a page there."""
-    made = [path for path in notebooks if (build / "html" / f"{path.stem}.html").is_file()]
-    items = "".join(f'<li><a href="{path.stem}.html">{escape(_title(path))}</a></li>\n' for path in made)
+    """Return the page ``html/index.html`` of a build folder, which lists the notebooks' pages beside it."""
+    items = "".join(f'<li><a href="{path.stem}.html">{escape(_title(path))}</a></li>\n' for path in notebooks)
     tables = [path.name for path in sorted((build / "tables").glob("*.csv"))]
     listed = ", ".join(f'<a href="../tables/{name}">{escape(name)}</a>' for name in tables) or "none"
     figures = [path.name for path in sorted((build / "figures").glob("*.png"))]
@@ -29,21 +28,37 @@ def index_page(notebooks: Iterable[Path], build: Path) -> str:
     return _INDEX.format(notebooks=items, tables=listed, pictures=pictures)
 
 
-def ledger_page(rows: list[dict[str, str]]) -> str:
-    """Return the ledger as a page of its own that asks for nothing from outside."""
+def ledger_page(rows: list[dict[str, str]], pages: Iterable[str] = ()) -> str:
+    """Return the ledger as a page of its own that asks for nothing from outside and links to the notebooks' pages."""
+    page_of = {name.partition("-")[0]: f"html/{name}.html" for name in pages}
     counts = Counter(row["verdict"] for row in rows)
     key = "".join(
         f'<tr><td class="{verdict}">{verdict}</td><td>{counts[verdict]}</td><td>{escape(meaning)}</td></tr>'
         for verdict, meaning in VERDICTS.items()
     )
-    head = "".join(f"<th>{name}</th>" for name in COLUMNS)
-    return _LEDGER.format(key=key, head=head, body="\n".join(_row(row) for row in rows), total=len(rows))
+    body = "\n".join(_row(row, page_of) for row in rows)
+    return _LEDGER.format(key=key, body=body, total=len(rows))
 
 
-def _row(row: Mapping[str, str]) -> str:
-    classes = {**{column: column for column in COLUMNS}, "verdict": row["verdict"]}
-    cells = "".join(f'<td class="{classes[column]}">{escape(row[column])}</td>' for column in COLUMNS)
-    return f'<tr id="{row["id"]}">{cells}</tr>'
+def _row(row: Mapping[str, str], page_of: Mapping[str, str]) -> str:
+    text = {name: escape(value) for name, value in row.items()}
+    judged = re.match(r"Notebook (\d+)", row["evidence"])
+    if judged and judged[1] in page_of:
+        text["id"] = f'<a href="{page_of[judged[1]]}">{text["id"]}</a>'
+    error = f" ± {text['uncertainty']}" if text["uncertainty"] not in ("", "0") else ""
+    cells = {
+        "id": text["id"],
+        "where": f"{text['paper']}, {text['where']}",
+        "quantity": f"{text['quantity']}<small>{text['note']}</small>",
+        "claimed": f"{text['relation']} {text['claimed']} {text['unit']}",
+        "ours": text["ours"] + error,
+        row["verdict"]: text["verdict"],
+        "reading": text["reading"],
+        "evidence": text["evidence"],
+    }
+    return (
+        f'<tr id="{row["id"]}">' + "".join(f'<td class="{kind}">{cell}</td>' for kind, cell in cells.items()) + "</tr>"
+    )
 
 
 def _title(path: Path) -> str:
@@ -76,15 +91,22 @@ body {{ font: 15px/1.45 system-ui, sans-serif; margin: 2rem; color: #222; backgr
 table {{ border-collapse: collapse; margin: 1rem 0 }}
 th, td {{ text-align: left; vertical-align: top; padding: .3rem .6rem; border-bottom: 1px solid #ddd }}
 th {{ position: sticky; top: 0; background: #f4f4f4 }}
-.claimed, .ours, .uncertainty {{ text-align: right; font-variant-numeric: tabular-nums }}
-.evidence, .reading {{ min-width: 16rem }}
+.claimed, .ours {{ text-align: right; font-variant-numeric: tabular-nums }}
+.id, .claimed, .ours {{ white-space: nowrap }}
+.quantity {{ min-width: 12rem }}
+.evidence, .reading {{ min-width: 12rem; overflow-wrap: anywhere }}
+small {{ display: block; color: #555 }}
 .reproduced {{ background: #d6efe5 }} .differs {{ background: #fbe3c0 }} .impossible {{ background: #f6d3c2 }}
 .calibrated {{ background: #d8ebf8 }} .untestable, .pending {{ background: #ececec }}
 </style></head><body>
+<p><a href="html/index.html">All notebooks</a></p>
 <h1>Ledger of claims</h1>
-<p>{total} printed numbers and statements of three papers, each with our value and a verdict computed by rule.</p>
+<p>{total} printed numbers and statements of three papers, each with our value, its one-sigma sampling error and a
+verdict computed by rule. Ids lead to the notebooks; <a href="ledger.csv">ledger.csv</a> holds the same as a
+table.</p>
 <table><tr><th>verdict</th><th>claims</th><th>meaning</th></tr>{key}</table>
-<table><tr>{head}</tr>
+<table><tr><th>id</th><th>where</th><th>quantity</th><th class="claimed">claimed</th><th class="ours">ours</th>
+<th>verdict</th><th>reading</th><th>evidence</th></tr>
 {body}
 </table></body></html>
 """

@@ -56,7 +56,8 @@ class Reproduction:
         if self.changed:
             lines += ["", "Verdicts that differ from the accepted ones (--accept takes them):", *self.changed]
         verdicts = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
-        return "\n".join([*(line.rstrip() for line in lines), "", f"Claims: {verdicts}.", f"Written to {self.out}."])
+        last = ["", f"Claims: {verdicts}.", f"Written to {self.out}; begin with {self.out / 'html' / 'index.html'}."]
+        return "\n".join([*(line.rstrip() for line in lines), *last])
 
 
 def reproduce(
@@ -108,8 +109,9 @@ def reproduce(
     target.mkdir(parents=True, exist_ok=True)
     _forget(target, keep={path.stem for path in every})
     runs = _run_all(chosen, target, workers=workers, force=force, quiet=quiet)
-    changed, counts = _settle(target, complete=not select, accept_verdicts=accept_verdicts, runs=runs)
-    write_whole(target / "html" / "index.html", index_page(every, target))
+    pages = [path for path in every if (target / "html" / f"{path.stem}.html").is_file()]
+    write_whole(target / "html" / "index.html", index_page(pages, target))
+    changed, counts = _settle(target, pages, complete=not select, accept_verdicts=accept_verdicts, runs=runs)
     return Reproduction(runs, changed, target, counts)
 
 
@@ -220,12 +222,12 @@ def _common_inputs() -> bytes:
 
 
 def _settle(
-    target: Path, *, complete: bool, accept_verdicts: bool, runs: Iterable[Run]
+    target: Path, pages: Iterable[Path], *, complete: bool, accept_verdicts: bool, runs: Iterable[Run]
 ) -> tuple[list[str], dict[str, int]]:
     """Write the ledger; return the verdicts that are not the accepted ones, and how many there are of each."""
     ledger = Ledger.collect(target / "ledger")
     write_whole(target / "ledger.csv", ledger.to_csv())
-    write_whole(target / "ledger.html", ledger.to_html())
+    write_whole(target / "ledger.html", ledger.to_html(path.stem for path in pages))
     found = ledger.verdicts()
     counts = {verdict: list(found.values()).count(verdict) for verdict in sorted(set(found.values()))}
     if accept_verdicts and not any(run.error for run in runs):

@@ -113,7 +113,10 @@ def test_parts_join_into_one_table_that_does_not_see_rounding_noise(claims):
     assert [row["verdict"] for row in rows] == [*("reproduced", "calibrated"), *["pending"] * 3, "untestable"]
     assert rows[0]["ours"] == "0.1"
     assert rows[0]["evidence"] == "Notebook 03. 5000 trials"
-    assert "commas, and &lt;tags&gt;" in joined.to_html()
+    page = joined.to_html(["03-first"])
+    assert "commas, and &lt;tags&gt;" in page
+    assert page.count('<a href="html/03-first.html">') == 1
+    assert '<td class="ours">0.1 ± 0.01</td>' in page
 
 
 def test_notebooks_that_disagree_are_named(claims):

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import nbformat
 import pytest
@@ -73,6 +74,11 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
     assert [cell.id for cell in executed.cells] == ["title", "cell-0"]
     assert "timing" not in json.dumps(executed.metadata)
     assert "Title of 01-draw" in (first / "html" / "index.html").read_text()
+    assert f"begin with {first / 'html' / 'index.html'}." in result.summary().replace(str(second), str(first))
+    for file in (first / "ledger.html", *(first / "html").iterdir()):
+        for link in re.findall(r'(?:href|src)="([^"#:]+)"', file.read_text()):
+            assert (file.parent / link).is_file(), (file.name, link)
+    assert '<a href="html/01-draw.html">irls-13</a>' in (first / "ledger.html").read_text()
     page = (first / "html" / "01-draw.html").read_text()
     assert "<msup>" in page
     assert "<script" not in page
