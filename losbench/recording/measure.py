@@ -29,6 +29,8 @@ __all__ = ["Measurement", "measure"]
 
 Floats = NDArray[np.float64]
 
+_SKIPPED_NAMED = 3
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -102,7 +104,8 @@ def measure(
     method, window, background
         As for `centroid`; the window is chosen in the first block of frames and then stays.
     reference : "first" or int
-        Shifts count from the first frame, or from the mean of the first K. Its error enters the shifts' errors.
+        Shifts count from the first frame that shows every spot, or from the mean of the first K frames. Its error
+        enters the shifts' errors.
     smooth : None or "kalman"
         Smooth the positions with a local linear trend (liu2026, section 3.2) before taking shifts.
     model : "pinhole" or "paper"
@@ -147,15 +150,20 @@ def measure(
         "background": background,
         "noise": detector or recording.detector,
     }
+    if detector is None and recording.detector is not None:  # known from errors of calibrated frames, which never clip
+        options["full_scale_dn"] = float(np.finfo(np.float32).max)
+    celsius, said = temperatures(recording, temperature)
+    skipped: dict[int, str] = {}
     with tqdm(total=recording.n_frames * len(recording.stamps), unit="frame", delay=2, disable=not progress) as bar:
         tracks = [
-            follow(recording, stamp, start, options, integer("block", block, low=1), bar)
+            follow(recording, stamp, start, options, integer("block", block, low=1), bar, skipped)
             for stamp, start in zip(recording.stamps, _starts(recording, spots, n_spots), strict=True)
         ]
     xy, sigma, flags = (
         np.concatenate([getattr(track, name) for track in tracks], axis=1) for name in ("xy", "sigma", "flags")
     )
-    notes = _notes_on_loss(xy, flags)
+    notes = [*_notes_on_skipped(skipped, len(xy)), *_notes_on_loss(xy, flags)]
+    first = _first_whole(xy) if reference == "first" else 0
     if options["noise"] is None:
         notes.append(
             "No detector was given: predicted errors leave out the shot noise of the spots, and are too small."
@@ -163,7 +171,10 @@ def measure(
     if smooth == "kalman":
         xy, sigma = _smoothed(xy)
         notes.append("Positions are smoothed: neighbouring frames share their errors.")
-    reference_px, sigma_reference = _reference(xy[:n_reference], sigma[:n_reference])
+    if first:
+        notes.append(f"Shifts count from frame {first}, the first that shows every spot.")
+    counted = slice(first, first + n_reference)
+    reference_px, sigma_reference = _reference(xy[counted], sigma[counted])
     shifts, sigma_shifts = xy - reference_px, np.hypot(sigma, sigma_reference)
     if camera is None:
         attitude = None
@@ -171,9 +182,10 @@ def measure(
     else:
         attitude, note = _solve(camera, reference_px, shifts, sigma_shifts, model, solver)
         notes.append(note)
-    celsius, said = temperatures(recording, temperature)
     table = measurement_table(recording, celsius, xy, sigma, flags, shifts, attitude)
-    return Measurement(xy, sigma, flags, shifts, sigma_shifts, reference_px, attitude, table, (*notes, *said))
+    return Measurement(
+        xy, sigma, flags, shifts, sigma_shifts, reference_px, attitude, table, (*recording.notes, *notes, *said)
+    )
 
 
 def _starts(recording: Recording, spots: ArrayLike | None, n_spots: int | None) -> list[Floats]:
@@ -209,6 +221,16 @@ def _smoothed(xy: Floats) -> tuple[Floats, Floats]:
     return fit.smoothed.reshape(xy.shape), fit.smoothed_std.reshape(xy.shape)
 
 
+def _first_whole(xy: Floats) -> int:
+    """Return the first frame that shows every spot."""
+    seen = ~np.isnan(xy[..., 0])
+    if not seen.all(axis=1).any():
+        lost = np.flatnonzero(~seen.any(axis=0)) + 1
+        why = f"spot {lost.tolist()} is in none" if lost.size else f"all {xy.shape[1]} at once are in none"
+        raise ValueError(f"reference must be a frame that shows every spot; {why} of {len(xy)}")
+    return int(np.argmax(seen.all(axis=1)))
+
+
 def _reference(xy: Floats, sigma: Floats) -> tuple[Floats, Floats]:
     count = np.isfinite(xy).sum(axis=0)
     if not count.all():
@@ -235,13 +257,22 @@ def _solve(
     return fit, note + (" Two spots cannot tell which of them is bad." if len(reference_px) == 2 else "")
 
 
+def _notes_on_skipped(skipped: dict[int, str], n_frames: int) -> list[str]:
+    if not skipped:
+        return []
+    named = [f"frame {k} ({skipped[k]})" for k in sorted(skipped)[:_SKIPPED_NAMED]]
+    more = [f"and {len(skipped) - len(named)} more"] if len(skipped) > len(named) else []
+    return [f"{len(skipped)} of {n_frames} frames are left out as unreadable: {', '.join([*named, *more])}."]
+
+
 def _notes_on_loss(xy: Floats, flags: NDArray[np.int64]) -> list[str]:
     notes = []
     for spot in range(xy.shape[1]):
         lost = int(np.isnan(xy[:, spot]).any(axis=-1).sum())
         if lost:
             notes.append(f"Spot {spot + 1} is lost in {lost} of {len(xy)} frames.")
-    for flag in (SpotFlag.SATURATED, SpotFlag.NEIGHBOUR, SpotFlag.NOT_CONVERGED, SpotFlag.SLOW):
+    silent = (SpotFlag.EDGE, SpotFlag.TOO_FAINT, SpotFlag.MISSING)
+    for flag in (each for each in SpotFlag if each not in silent):
         marked = int((flags & flag > 0).sum())
         if marked:
             notes.append(f"{marked} of {flags.size} centroids carry the flag {flag.name}.")

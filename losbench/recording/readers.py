@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from losbench.checks import choice, positive
 from losbench.imaging.detector import Detector
-from losbench.recording.files import image_loader, in_natural_order, numpy_stack, tiff_pages
+from losbench.recording.files import image_loader, in_natural_order, jump_in_names, numpy_stack, tiff_pages
 from losbench.recording.stamps import Stamp, UnreadableFrame, as_frame
 from losbench.recording.times import FrameTimes, read_times
 
@@ -47,6 +47,8 @@ class Recording:
         Gain and read noise where the files tell, as the errors in target pixel files do.
     skip_unreadable : bool
         Whether an unreadable frame becomes a gap in the series or an error.
+    notes : tuple of str
+        What was noticed when the files were opened.
 
     Examples
     --------
@@ -63,6 +65,7 @@ class Recording:
     times: FrameTimes | None = None
     detector: Detector | None = None
     skip_unreadable: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def read_recording(
@@ -83,7 +86,7 @@ def read_recording(
     times : path, optional
         CSV with the frames' times, one row a frame: ``time_s`` (seconds) or ``time`` (ISO 8601, UTC).
     period_s : float, optional
-        Time between frames in seconds, if there is no such file. FITS files may bring times of their own.
+        Time between frames in seconds, if there is no such file. Times that FITS files bring give way to either.
     start : str, optional
         ISO 8601 UTC time of the first frame, with ``period_s``.
     on_unreadable : "stop" or "skip"
@@ -116,45 +119,47 @@ def read_recording(
     if not source.exists():
         raise FileNotFoundError(f"no recording at {source}: expected a folder of frames, or a TIFF, NumPy or FITS file")
     choice("on_unreadable", on_unreadable, ("stop", "skip"))
-    recording = _open(source, skip=on_unreadable == "skip")
     if period_s is not None:
         positive("period_s", period_s)
         if times is not None:
             raise ValueError("times and period_s exclude each other: give the frames' times or the time between them")
-    if recording.times is None:
+    clock = "file" if times is not None else "own" if period_s is None else "period"
+    recording = _open(source, skip=on_unreadable == "skip", clock=clock)
+    if recording.times is None or start is not None:
         recording = replace(recording, times=read_times(times, recording.n_frames, period_s=period_s, start=start))
-    elif times is not None or period_s is not None or start is not None:
-        raise ValueError(f"{source.name} holds its frames' times: leave out times, period_s and start")
     return replace(recording, skip_unreadable=on_unreadable == "skip")
 
 
-def _open(source: Path, *, skip: bool) -> Recording:
+def _open(source: Path, *, skip: bool, clock: str) -> Recording:
+    """Open a source; ``clock`` says whether times come from a file, from a period, or from the source's own headers."""
     if source.is_dir():
         files = in_natural_order([p for p in source.iterdir() if p.is_file() and not p.name.startswith(".")])
         images = [p for p in files if p.suffix.lower() in _IMAGES]
         if images:
-            return _stack(source, len(images), image_loader(images), lambda k: images[k].name, skip=skip)
+            found = _stack(source, len(images), image_loader(images), lambda k: images[k].name, skip=skip)
+            return replace(found, notes=() if clock == "file" else jump_in_names(images))
         pixel_files = [p for p in files if p.name.lower().endswith(_FITS)]
         if pixel_files:
             from losbench.recording.fits import open_fits
 
-            return _from_fits(source, open_fits(pixel_files))
+            return _from_fits(source, open_fits(pixel_files, skip=skip, clock=clock))
         raise ValueError(f"{source} holds no frames: expected PNG, TIFF or FITS files, got {len(files)} other files")
     suffix = source.suffix.lower()
     if suffix in (".tif", ".tiff"):
-        return _stack(source, *tiff_pages(source, skip=skip), skip=skip)
+        pages = tiff_pages(source, skip=skip)
+        return replace(_stack(source, pages.count, pages.load, skip=skip), notes=pages.notes)
     if suffix in (".npy", ".npz"):
         cube = numpy_stack(source)
         return _stack(source, len(cube), lambda k: np.asarray(cube[k]), skip=skip)
     if source.name.lower().endswith(_FITS):
         from losbench.recording.fits import open_fits
 
-        return _from_fits(source, open_fits([source]))
+        return _from_fits(source, open_fits([source], skip=skip, clock=clock))
     raise ValueError(f"{source.name} is no recording: expected .tif, .npy, .npz or .fits, or a folder of frames")
 
 
 def _from_fits(source: Path, found: Contents) -> Recording:
-    return Recording(source, found.n_frames, found.stamps, found.times, found.detector)
+    return Recording(source, found.n_frames, found.stamps, found.times, found.detector, notes=found.notes)
 
 
 def _stack(

@@ -27,6 +27,7 @@ _AXES = {"alpha": "X", "beta": "Y", "gamma": "Z"}
 _WRITTEN = ("measurement.csv", "report.json", "shifts.png", "angles.png", "angles-over-temperature.png")
 _FEWEST = 10  # frames with a temperature, for a sensitivity
 _SMALLEST_RANGE_DEGC = 0.5
+_SHORTEST_LAG = 0.2  # steps from frame to frame; a lag that may be shorter is none
 
 
 def write_report(measurement: Measurement, folder: Path, *, recording: Recording) -> list[str]:
@@ -46,7 +47,7 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
     ]
     sensitivity = _sensitivity(measurement)
     if sensitivity is not None:
-        lines += _sentences(sensitivity)
+        lines += _sentences(sensitivity, table)
     pictures = _pictures(measurement, sensitivity)
     for name in _WRITTEN:
         (folder / name).unlink(missing_ok=True)
@@ -58,7 +59,8 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
         "source": recording.source.resolve().name,
         "reference_px": measurement.reference_px.round(4).tolist(),
         "notes": list(measurement.notes),
-        "sensitivity": None if sensitivity is None else _numbers(sensitivity),
+        "sensitivity_to": None if sensitivity is None else _temperature_columns(table)[0],
+        "sensitivity": None if sensitivity is None else _numbers(sensitivity, table),
     }
     write_whole(folder / "report.json", json.dumps(report, indent=1) + "\n")
     return [*lines, f"Written to {folder}: measurement.csv, report.json, {', '.join(pictures)}"]
@@ -68,6 +70,11 @@ def _temperature_columns(table: pd.DataFrame) -> list[str]:
     return [name for name in table.columns if name.startswith("temperature") and name.endswith("_degC")]
 
 
+def _timed(table: pd.DataFrame) -> NDArray[np.bool_]:
+    """Which frames have a time and the temperature that the sensitivity is for."""
+    return np.isfinite(table[[_temperature_columns(table)[0], "time_s"]].to_numpy()).all(axis=1)
+
+
 def _sensitivity(measurement: Measurement) -> SensitivityFit | None:
     """Fit the first temperature column, if it says anything; with a lag where the frames have times."""
     columns = _temperature_columns(measurement.table)
@@ -75,7 +82,7 @@ def _sensitivity(measurement: Measurement) -> SensitivityFit | None:
         return None
     celsius = measurement.table[columns[0]].to_numpy()
     time_s = measurement.table["time_s"].to_numpy()
-    use = np.isfinite(celsius) & np.isfinite(time_s)
+    use = _timed(measurement.table)
     present = np.isfinite(measurement.attitude.angles[use]).all(axis=-1).sum()
     if present < _FEWEST or np.ptp(celsius[use]) < _SMALLEST_RANGE_DEGC:
         return None
@@ -85,26 +92,33 @@ def _sensitivity(measurement: Measurement) -> SensitivityFit | None:
     return fit_sensitivity(celsius[use], angles)
 
 
-def _numbers(fit: SensitivityFit) -> dict[str, dict[str, Any]]:
+def _lag_s(fit: SensitivityFit, table: pd.DataFrame) -> NDArray[np.float64]:
+    """Return the lag of each axis, zero where none was fitted or none can be told from the data."""
+    shortest_s = _SHORTEST_LAG * np.nanmedian(np.diff(table["time_s"]))
+    return np.where(fit.lag_interval_s[:, 0] > shortest_s, fit.lag_s, 0.0)
+
+
+def _numbers(fit: SensitivityFit, table: pd.DataFrame) -> dict[str, dict[str, Any]]:
     """By axis, what `_sentences` says; a lag of zero is none."""
-    rms_arcsec = rad_to_arcsec(fit.rms)
+    rms_arcsec, lag_s = rad_to_arcsec(fit.rms), _lag_s(fit, table)
     return {
         axis: {
             "arcsec_per_degC": round(float(fit.k_arcsec_per_degC[i]), 6),
             "interval_95_arcsec_per_degC": fit.k_interval_arcsec_per_degC[i].round(6).tolist(),
-            "lag_s": round(float(fit.lag_s[i]), 3),
+            "lag_s": round(float(lag_s[i]), 3),
             "rms_arcsec": round(float(rms_arcsec[i]), 6),
         }
         for i, axis in enumerate(_AXES)
     }
 
 
-def _sentences(fit: SensitivityFit) -> list[str]:
+def _sentences(fit: SensitivityFit, table: pd.DataFrame) -> list[str]:
     low, high = np.moveaxis(fit.k_interval_arcsec_per_degC, -1, 0)
     rms = rad_to_arcsec(fit.rms)
-    lag = [f"lag {minutes:.1f} min" if minutes > 0 else "no lag fitted" for minutes in fit.lag_s / 60]
+    column = _temperature_columns(table)[0]
+    lag = [f"lag {minutes:.1f} min" if minutes > 0 else "no lag" for minutes in _lag_s(fit, table) / 60]
     return [
-        f"Sensitivity about {axis}: {k:+.4f} arcsec/degC (95 %, if one lag describes it: "
+        f"Sensitivity about {axis} to {column}: {k:+.4f} arcsec/degC (95 %, if one lag describes it: "
         f"{low[i]:+.4f} to {high[i]:+.4f}), {lag[i]}, {rms[i]:.4f} arcsec rms left after compensation"
         for i, (axis, k) in enumerate(zip(_AXES.values(), fit.k_arcsec_per_degC, strict=True))
     ]
@@ -148,11 +162,12 @@ def _angles(measurement: Measurement) -> Figure:
 
 def _over_temperature(measurement: Measurement, fit: SensitivityFit) -> Figure:
     column = _temperature_columns(measurement.table)[0]
-    celsius = measurement.table[column].to_numpy()
-    model = fit.predict(celsius, time_s=measurement.table["time_s"].to_numpy() if (fit.lag_s > 0).any() else None)
+    table = measurement.table[_timed(measurement.table)]
+    celsius = table[column].to_numpy()
+    model = fit.predict(celsius, time_s=table["time_s"].to_numpy() if (fit.lag_s > 0).any() else None)
     fig, axes = _one_below_another(3, f"{column.removesuffix('_degC')} (degC)")
     for i, (axis, name) in enumerate(zip(axes, _AXES, strict=True)):
-        axis.plot(celsius, measurement.table[f"{name}_arcsec"], ".", ms=3, label="measured")
+        axis.plot(celsius, table[f"{name}_arcsec"], ".", ms=3, label="measured")
         axis.plot(celsius, rad_to_arcsec(model[:, i]), lw=1.2, label="fit with lag")
         axis.set_ylabel(f"about {_AXES[name]} (arcsec)")
     axes[0].legend()

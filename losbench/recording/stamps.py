@@ -39,16 +39,23 @@ class Stamp:
     origin_px: tuple[float, float]
     load: Callable[[int], NDArray[Any]]
 
-    def read(self, first: int, last: int, *, skip: bool) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """Return frames ``first`` to ``last`` (excluded) and which of them could be read; others are zero."""
+    def read(
+        self, first: int, last: int, *, skip: bool, skipped: dict[int, str] | None = None
+    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """Return frames ``first`` to ``last`` (excluded) and which of them could be read; others are zero.
+
+        What was wrong with the others goes into ``skipped``, by the number of the frame.
+        """
         frames: list[NDArray[Any] | None] = []
         for k in range(first, last):
             try:
                 frames.append(self.load(k))
-            except UnreadableFrame:
+            except UnreadableFrame as error:
                 if not skip:
                     raise
                 frames.append(None)
+                if skipped is not None:
+                    skipped.setdefault(k, str(error))
         good = np.array([frame is not None for frame in frames])
         dtype = next((frame.dtype for frame in frames if frame is not None), np.dtype(np.uint16))
         stack = np.zeros((len(frames), *self.shape), dtype=dtype)

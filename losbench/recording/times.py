@@ -45,11 +45,22 @@ class FrameTimes:
 
 @dataclass(frozen=True)
 class TemperatureLog:
-    """Temperature readings: ``times`` of n readings, ``celsius`` (n, k) and the ``names`` of the k sensors."""
+    """Temperature readings.
+
+    Attributes
+    ----------
+    times : FrameTimes of n readings
+    celsius : (n, k) array, degC
+    names : tuple of str
+        Names of the k sensors.
+    utc : FrameTimes or None
+        The same times on the other clock, where a log has seconds and UTC.
+    """
 
     times: FrameTimes
     celsius: NDArray[np.float64]
     names: tuple[str, ...]
+    utc: FrameTimes | None = None
 
     def at(self, frames: FrameTimes, *, max_gap_s: float | None = None) -> NDArray[np.float64]:
         """Interpolate linearly to the frames' times.
@@ -71,7 +82,8 @@ class TemperatureLog:
         ValueError
             If no frame falls inside the log, or only one of the two knows UTC.
         """
-        t = self.times.seconds_since(frames, "the temperature log")
+        clock = self.times if frames.start is None or self.utc is None else self.utc
+        t = clock.seconds_since(frames, "the temperature log")
         want = frames.seconds
         inside = (want >= t[0]) & (want <= t[-1])
         if not inside.any():
@@ -95,10 +107,20 @@ def _interpolated(
     return np.where(known, np.interp(want, t, celsius), np.nan)
 
 
-def times_from_utc(texts: list[str], name: str) -> FrameTimes:
-    """Return the frames' times from ISO 8601 texts."""
+def times_from_utc(texts: list[str | None], name: str) -> FrameTimes:
+    """Return times from ISO 8601 texts, since the first that is known; NaN where a text is missing."""
     utc = utc_times(name, texts)
-    return FrameTimes((utc - utc[0]) / np.timedelta64(1, "ns") * 1e-9, utc[0])
+    known = utc[~np.isnat(utc)]
+    if not known.size:
+        raise ValueError(f"{name} must hold at least one time")
+    return FrameTimes(np.where(np.isnat(utc), np.nan, (utc - known[0]) / np.timedelta64(1, "ns") * 1e-9), known[0])
+
+
+def increasing(times: FrameTimes, name: str) -> FrameTimes:
+    """Return times if those that are known increase."""
+    if (np.diff(times.seconds[np.isfinite(times.seconds)]) <= 0).any():
+        raise ValueError(f"{name} must hold increasing times, one for each frame in order")
+    return times
 
 
 def read_times(
@@ -117,9 +139,7 @@ def read_times(
     times = _time_columns(table, Path(path).name, {})
     if len(times.seconds) != n_frames:
         raise ValueError(f"{Path(path).name} must have one row for each of {n_frames} frames, got {len(times.seconds)}")
-    if (np.diff(times.seconds[np.isfinite(times.seconds)]) <= 0).any():
-        raise ValueError(f"{Path(path).name} must hold increasing times, one for each frame in order")
-    return times
+    return increasing(times, Path(path).name)
 
 
 def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None = None) -> TemperatureLog:
@@ -129,7 +149,7 @@ def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None 
     ----------
     path : str or Path
         CSV with ``time_s`` (seconds on the frames' clock) or ``time`` (ISO 8601, UTC), and one or more columns whose
-        names start with ``temperature`` and end with ``_degC``.
+        names start with ``temperature`` and end with ``_degC``. Of both clocks, that of the frames counts.
     columns : mapping, optional
         Standard name to the file's own: ``{"time_s": "t", "temperature_degC": "Room (C)"}``.
 
@@ -162,22 +182,28 @@ def read_temperature_log(path: str | Path, *, columns: Mapping[str, str] | None 
     if not alive.any():
         raise ValueError(f"{name} must hold at least two readings at different times, got {len(kept)}")
     seconds = FrameTimes(times.seconds[kept], times.start)
-    return TemperatureLog(seconds, celsius[kept][:, alive], tuple(np.array(names)[alive].tolist()))
+    utc = _second_clock(table, kept) if times.start is None and "time" in table.columns else None
+    return TemperatureLog(seconds, celsius[kept][:, alive], tuple(np.array(names)[alive].tolist()), utc)
 
 
 def _time_columns(table: pd.DataFrame, name: str, mapping: Mapping[str, str]) -> FrameTimes:
     if "time_s" in table.columns:
         return FrameTimes(numbers(table, "time_s", name))
     if "time" in table.columns:
-        utc = utc_times(f"column {mapping.get('time', 'time')!r} of {name}", table["time"].tolist())
-        known = utc[~np.isnat(utc)]
-        if not known.size:
-            raise ValueError(f"column 'time' of {name} must hold at least one time")
-        return FrameTimes(np.where(np.isnat(utc), np.nan, (utc - known[0]) / np.timedelta64(1, "ns") * 1e-9), known[0])
+        return times_from_utc(table["time"].tolist(), f"column {mapping.get('time', 'time')!r} of {name}")
     raise ValueError(f"{name} must have a column time_s (seconds) or time ({_UTC_HINT}); it has {_listed(table)}")
 
 
-def utc_times(name: str, texts: list[str]) -> NDArray[np.datetime64]:
+def _second_clock(table: pd.DataFrame, kept: NDArray[np.intp]) -> FrameTimes | None:
+    """Return the UTC times of the rows kept, if the column ``time`` has them, one after the other."""
+    try:
+        utc = times_from_utc(table["time"].iloc[kept].tolist(), "time")
+    except ValueError:
+        return None
+    return utc if (np.diff(utc.seconds) > 0).all() else None
+
+
+def utc_times(name: str, texts: list[str | None]) -> NDArray[np.datetime64]:
     import pandas as pd
 
     try:
@@ -205,7 +231,10 @@ def read_table(path: str | Path) -> pd.DataFrame:
     if not Path(path).is_file():
         raise FileNotFoundError(f"no CSV file at {path}")
     try:
-        table = pd.read_csv(path, skipinitialspace=True, comment="#")
+        try:
+            table = pd.read_csv(path, skipinitialspace=True, comment="#")
+        except UnicodeDecodeError:  # the degree sign of a Windows logger
+            table = pd.read_csv(path, skipinitialspace=True, comment="#", encoding="cp1252")
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise ValueError(f"{Path(path).name} must be a CSV file with a header line, got: {error}") from None
     if len(table.columns) == 1 and any(mark in str(table.columns[0]) for mark in ";\t"):

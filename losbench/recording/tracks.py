@@ -20,7 +20,13 @@ Floats = NDArray[np.float64]
 
 
 def follow(
-    recording: Recording, stamp: Stamp, start: Floats, options: dict[str, Any], block: int, bar: tqdm[Any]
+    recording: Recording,
+    stamp: Stamp,
+    start: Floats,
+    options: dict[str, Any],
+    block: int,
+    bar: tqdm[Any],
+    skipped: dict[int, str],
 ) -> Track:
     """Follow the spots of one stamp: every block of frames starts where the one before saw each spot last.
 
@@ -36,6 +42,8 @@ def follow(
         Frames in memory at a time.
     bar : tqdm
         Told of every block.
+    skipped : dict
+        Told of every frame that could not be read, and why.
 
     Returns
     -------
@@ -44,12 +52,13 @@ def follow(
     """
     parts, last, settings = [], start, options
     for first in range(0, recording.n_frames, block):
-        frames, good = stamp.read(first, min(first + block, recording.n_frames), skip=recording.skip_unreadable)
+        until = min(first + block, recording.n_frames)
+        frames, good = stamp.read(first, until, skip=recording.skip_unreadable, skipped=skipped)
         if settings["window"] is None and good.any():
             settings = settings | {"window": _default_window(frames[good][0], last, stamp)}
-        if frames.dtype.kind == "f":  # calibrated frames, whose numbers have no end
-            settings = settings | {"full_scale_dn": float(np.finfo(np.float32).max)}
         part = _see(frames, good, last, settings)
+        if part.width_px is not None:
+            settings = settings | {"sigma": part.width_px}
         if len(frames) > 1 and not part.stays_near(last, good):
             steps = []
             for k in range(len(frames)):
@@ -57,8 +66,6 @@ def follow(
                 last = steps[-1].last_seen(last)
             part = Track.join(steps)
         parts.append(part)
-        if part.width_px is not None:
-            settings = settings | {"sigma": part.width_px}
         last = part.last_seen(last)
         bar.update(len(frames))
     return Track.join(parts).moved(np.array(stamp.origin_px))

@@ -150,6 +150,83 @@ def test_a_saturated_spot_is_flagged():
     assert "1 of 2 centroids carry the flag SATURATED." in measured.notes
 
 
+@pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float32, np.float64])
+def test_full_scale_is_the_detector_s_whatever_numbers_hold_the_frames(tmp_path, dtype):
+    electrons = lb.render_spots(SPOTS[None, :2], [2e5, 3.3e5], 2.0, CAMERA.shape) + 40.0
+    sensor = replace(DETECTOR, bits=12, gain_e_per_dn=3.2)
+    clipped = sensor.expose(np.repeat(electrons, 4, axis=0), 1)
+    assert 0 < (clipped == 4095).sum(axis=(1, 2)).max() < 12
+    np.save(tmp_path / "frames.npy", clipped.astype(dtype))
+    read = lb.measure(lb.read_recording(tmp_path / "frames.npy"), detector=sensor, spots=SPOTS[:2])
+    as_read_out = lb.measure(in_memory(clipped), detector=sensor, spots=SPOTS[:2])
+    assert (as_read_out.flags[:, 1] & SpotFlag.SATURATED).any()
+    np.testing.assert_array_equal(read.flags & SpotFlag.SATURATED, as_read_out.flags & SpotFlag.SATURATED)
+
+
+def test_calibrated_frames_whose_files_tell_the_noise_have_no_full_scale():
+    frames = (lb.render_spots(np.repeat(SPOTS[None, :2], 2, axis=0), 4e6, 2.0, CAMERA.shape) + 5.0).astype(np.float32)
+    assert frames.max() > DETECTOR.full_scale_dn
+    measured = lb.measure(replace(in_memory(frames), detector=DETECTOR), spots=SPOTS[:2])
+    assert not (measured.flags & SpotFlag.SATURATED).any()
+
+
+def test_a_log_that_does_not_fit_is_found_before_a_frame_is_read():
+    def load(k):
+        raise AssertionError("a frame was read")
+
+    stamp = Stamp("frame", CAMERA.shape, (0.0, 0.0), load)
+    recording = Recording("memory", 3, (stamp,), times=FrameTimes(np.arange(3.0)))
+    log = TemperatureLog(FrameTimes(np.array([50.0, 60.0])), np.array([[18.0], [19.0]]), ("temperature_degC",))
+    with pytest.raises(ValueError, match="the temperature log must overlap the frames in time"):
+        lb.measure(recording, temperature=log)
+
+
+def drifting(n=40, time_s=None):
+    """Frames whose shift follows the temperature at once, and the log."""
+    drift = np.linspace(0.0, 1.5, n)[:, None, None] * [1.0, 0.5]
+    frames = DETECTOR.expose(lb.render_spots(SPOTS + drift, 2e5, 2.0, CAMERA.shape) + 40.0, 8)
+    clock = np.arange(n) * 5.0
+    celsius = np.stack([18.0 + clock / 40.0, np.full(n, 20.0)], axis=-1)
+    log = TemperatureLog(FrameTimes(clock), celsius, ("temperature_m1_degC", "temperature_plate_degC"))
+    return in_memory(frames, FrameTimes(clock if time_s is None else time_s)), log
+
+
+def test_a_frame_without_a_time_is_left_out_of_the_sensitivity(tmp_path):
+    time_s = np.arange(40) * 5.0
+    time_s[[0, 4]] = np.nan
+    recording, log = drifting(time_s=time_s)
+    lines = write_report(
+        lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log), tmp_path, recording=recording
+    )
+    assert sum(line.startswith("Sensitivity about") for line in lines) == 3
+    assert (tmp_path / "angles-over-temperature.png").stat().st_size > 1000
+
+
+def test_a_report_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
+    recording, log = drifting(n=12)
+    measured = lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log)
+
+    def broken(*_):
+        raise ValueError("no picture")
+
+    monkeypatch.setattr("losbench.recording.report._angles", broken)
+    with pytest.raises(ValueError, match="no picture"):
+        write_report(measured, tmp_path / "out", recording=recording)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_report_names_its_sensor_and_no_lag_where_none_shows(tmp_path):
+    recording, log = drifting()
+    measured = lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log)
+    lines = write_report(measured, tmp_path, recording=recording)
+    said = [line for line in lines if line.startswith("Sensitivity about")]
+    assert len(said) == 3
+    assert all(" to temperature_m1_degC: " in line and ", no lag, " in line for line in said)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["sensitivity_to"] == "temperature_m1_degC"
+    assert [fit["lag_s"] for fit in report["sensitivity"].values()] == [0.0, 0.0, 0.0]
+
+
 def test_a_spot_at_the_border_has_no_centroid_and_says_so():
     frames = frames_of([[40.0, 30.0], [110.0, 32.0], [3.0, 70.0]])
     with pytest.raises(ValueError, match=r"spot \[3\] is in none of 1"):
@@ -163,12 +240,42 @@ def test_unreadable_frames_leave_a_gap(tmp_path):
         (tmp_path / f"{k:02d}.tif").write_bytes(b"not a TIFF")
     with pytest.raises(UnreadableFrame, match=r"00.tif cannot be read"):
         lb.read_recording(tmp_path)
-    with pytest.raises(ValueError, match=r"is in none of 1"):
-        lb.measure(lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR)
-    cv2.imwrite(str(tmp_path / "00.tif"), frames_of(SPOTS)[0])
     measured = lb.measure(lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR)
-    assert np.flatnonzero(np.isnan(measured.xy_px).any(axis=(1, 2))).tolist() == [5]
+    assert np.flatnonzero(np.isnan(measured.xy_px).any(axis=(1, 2))).tolist() == [0, 5]
     assert (measured.flags[5] == SpotFlag.MISSING).all()
+    np.testing.assert_array_equal(measured.reference_px, measured.xy_px[1])
+    assert "Shifts count from frame 1, the first that shows every spot." in measured.notes
+    said = [
+        note for note in measured.notes if note.startswith("2 of 12 frames are left out as unreadable: frame 0 (00.")
+    ]
+    assert len(said) == 1 and "frame 5 (05.tif cannot be read" in said[0]
+    with pytest.raises(ValueError, match=r"spot \[1, 2, 3, 4\] is in none of 1"):
+        lb.measure(lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR, reference=1)
+
+
+def test_of_many_unreadable_frames_the_first_few_are_named():
+    frames = frames_of(SPOTS)
+
+    def load(k):
+        if k >= 6:
+            raise UnreadableFrame(f"page {k} is torn")
+        return frames[k]
+
+    stamp = Stamp("frame", frames.shape[1:], (0.0, 0.0), load)
+    measured = lb.measure(Recording("memory", len(frames), (stamp,), skip_unreadable=True), detector=DETECTOR, block=4)
+    named = ", ".join(f"frame {k} (page {k} is torn)" for k in (6, 7, 8))
+    assert f"6 of 12 frames are left out as unreadable: {named}, and 3 more." in measured.notes
+
+
+def test_spots_that_never_show_together_give_no_reference():
+    frames = frames_of(SPOTS[:2])
+    frames[:6, :, :70], frames[6:, :, 70:] = (
+        DETECTOR.expose(np.full(CAMERA.shape, 40.0), 9)[:, s] for s in np.s_[:70, 70:]
+    )
+    with pytest.raises(
+        ValueError, match="reference must be a frame that shows every spot; all 2 at once are in none of 12"
+    ):
+        lb.measure(in_memory(frames), spots=SPOTS[:2], detector=DETECTOR)
 
 
 def test_smoothing_lowers_the_scatter_of_a_slow_drift():
@@ -228,7 +335,7 @@ def test_the_report_is_written_whole_with_its_sensitivity(simulated, tmp_path):
         for number in (fit["arcsec_per_degC"], low, high):
             assert f"{number:+.4f}" in line
         assert f"{fit['rms_arcsec']:.4f} arcsec rms" in line
-        assert (f"lag {fit['lag_s'] / 60:.1f} min" if fit["lag_s"] else "no lag fitted") in line
+        assert (f"lag {fit['lag_s'] / 60:.1f} min" if fit["lag_s"] else "no lag") in line
     again = pd.read_csv(tmp_path / "measurement.csv")
     np.testing.assert_allclose(again["alpha_arcsec"], measured.table["alpha_arcsec"], rtol=1e-8)
 

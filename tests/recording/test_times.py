@@ -37,6 +37,26 @@ def test_a_gap_gives_nan_and_its_edges_stay(tmp_path):
     assert np.isfinite(log.at(FrameTimes(np.array([300.0])), max_gap_s=1000.0)).all()
 
 
+def test_of_two_clocks_that_of_the_frames_counts(tmp_path):
+    rows = "".join(f"{10 * k},2026-03-01T12:{k:02d}:00Z,{18 + k}\n" for k in range(3))
+    log = read_temperature_log(written(tmp_path, "time_s,time,temperature_degC\n" + rows))
+    assert log.at(FrameTimes(np.array([5.0, 20.0])))[:, 0].tolist() == [18.5, 20]
+    assert log.at(FrameTimes(np.array([30.0, 120.0]), NOON))[:, 0].tolist() == [18.5, 20]
+
+
+def test_a_second_clock_that_cannot_be_read_is_no_hindrance(tmp_path):
+    log = read_temperature_log(written(tmp_path, "time_s,time,temperature_degC\n0,noon,18\n10,later,19\n"))
+    assert log.utc is None
+    assert log.at(FrameTimes(np.array([5.0])))[:, 0].tolist() == [18.5]
+
+
+def test_a_degree_sign_of_a_windows_logger_is_read(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes("time_s,T (\N{DEGREE SIGN}C)\n0,18\n10,19\n".encode("cp1252"))
+    log = read_temperature_log(path, columns={"temperature_degC": "T (\N{DEGREE SIGN}C)"})
+    assert log.celsius[:, 0].tolist() == [18, 19]
+
+
 def test_columns_can_be_named(tmp_path):
     path = written(tmp_path, "t,Room (C)\n0,18\n1,19\n")
     log = read_temperature_log(path, columns={"time_s": "t", "temperature_degC": "Room (C)"})
