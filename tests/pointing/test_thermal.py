@@ -224,6 +224,15 @@ def test_lag_and_sensitivity_fitted_together_lie_within_their_intervals(method):
         assert covered == pytest.approx(0.95, abs=0.06)
 
 
+def test_where_no_lag_shows_its_interval_says_so_without_a_warning():
+    time_s = np.arange(40) * 5.0
+    noise = 1e-6 * np.random.default_rng(1).standard_normal((40, 20))
+    fit = lb.fit_sensitivity(18.0 + time_s / 40.0, noise, time_s=time_s, lag_s="fit")
+    low, high = fit.lag_interval_s.T
+    assert (low < 1e-6).all() and (high > 1e6).all()
+    assert np.isinf(high).any()
+
+
 def test_a_lag_runs_straight_over_a_gap_of_the_log():
     node = lb.ThermalNetwork({"node": 250.0}, {}, {"node": 1.0})
     angle = 1e-6 * node.simulate(TIME_S, ROOM_DEGC)[:, 0]

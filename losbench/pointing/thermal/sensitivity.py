@@ -39,6 +39,7 @@ class SensitivityFit:
         Angle at the reference temperature, radians, and curvature, radians per degree squared (zero unless fitted).
     lag_s, lag_interval_s : (...,), (..., 2) arrays
         First-order time constant and its confidence interval (NaN unless fitted), seconds; zero without a lag.
+        The interval goes from 0 to infinity where no lag shows.
     reference_degC : float
         Mean of the temperatures given.
     rms : (...,) array
@@ -191,7 +192,8 @@ class _Law:
             # To first order the logarithm of the lag is one more unknown, and takes its share of the information.
             slope = (self._design(lag_s * _NUDGE) - self._design(lag_s / _NUDGE))[used] / (2 * np.log(_NUDGE))
             covariance = self._solve(np.column_stack([design, slope @ solved.x]), angle[used]).cov
-            lag_interval = lag_s * np.exp(quantile * np.sqrt(covariance[-1, -1]) * np.array([-1, 1]))
+            with np.errstate(over="ignore"):  # where no lag shows, any is possible
+                lag_interval = lag_s * np.exp(quantile * np.sqrt(covariance[-1, -1]) * np.array([-1, 1]))
         residuals, weights = np.full(angle.size, np.nan), np.zeros(angle.size)
         residuals[used], weights[used] = solved.residuals, solved.weights
         return SensitivityFit(
