@@ -68,7 +68,8 @@ def aided_centroid(
     origin : (..., n, 2) array, pixels
         With windows: frame position (x, y) of each window's first pixel.
     window : odd int, pixels, optional
-        With whole frames: side of the windows; by default the longest track and five sigma on either side.
+        With whole frames: side of the windows, within the frame; by default the longest track and five sigma on either
+        side.
     background : "border", or float or array that broadcasts to (..., n)
         Subtracted from the pixels; "border" takes the median of each window's outermost ones.
     noise : Detector, optional
@@ -104,7 +105,8 @@ def aided_centroid(
     flag           meaning
     ============== ==============================================================================================
     NOT_CONVERGED  ``max_iter`` was reached; the last position is kept, or NaN where "joint" sees too few stars
-    EDGE           the track leaves the frame, or the window holds pixels that were not read; kept, without them
+    EDGE           the track leaves the frame, or comes within three sigma of its window's edge, or the window holds
+                   pixels that were not read; kept, without what is not there
     SATURATED      pixels at full scale were left out; "iterative" then ends with least squares, as what is left may
                    hardly follow the star
     NEIGHBOUR      the window of another star of the image reaches this star's track; kept, but not to be trusted
@@ -132,6 +134,8 @@ def aided_centroid(
     choice("method", method, ("iterative", "closed_form", "least_squares", "joint"))
     choice("region", region, ("data", "own"))
     choice("epoch", epoch, EPOCHS)
+    if noise is not None and not isinstance(noise, Detector):
+        raise ValueError(f"noise must be a Detector, got {noise!r}")
     part = None if threshold is None else number("threshold", threshold, low=0.0, high=1.0)
     if region == "own" and part is None:
         raise ValueError("region 'own' needs a threshold: without one every pixel counts on both sides")

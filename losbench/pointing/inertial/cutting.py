@@ -64,10 +64,12 @@ def cut_windows(
     if given.shape[:-2] not in ((), batch):
         raise ValueError(f"start must have shape (n, 2) or {(*batch, 'n', 2)} to match frames, got {given.shape}")
     places = np.broadcast_to(given, (*batch, stars, 2)).reshape(-1, 2)
+    rows, columns = camera.shape
     size = _window(path, camera, sigma) if window is None else integer("window", window, low=3)
     if size % 2 == 0:
         raise ValueError(f"window must be odd, got {size}")
-    rows, columns = camera.shape
+    if size > min(rows, columns):
+        raise ValueError(f"window of {size} x {size} pixels does not fit into frames of {rows} x {columns} pixels")
     here = np.asarray(((places > -0.5) & (places < (columns - 0.5, rows - 0.5))).all(axis=1))
     middle = np.rint(np.where(here[:, None], places, 0.0)).astype(np.intp)
     image = np.arange(len(middle)) // max(1, stars)
@@ -85,8 +87,12 @@ def _numbers(frames: ArrayLike) -> NDArray[np.generic]:
 
 
 def _window(path: AttitudePath, camera: Camera, sigma: Floats) -> int:
-    """Odd side that holds every track and five sigma on either side, wherever in its pixel the track begins."""
+    """Odd side that holds every track and five sigma on either side, wherever in its pixel the track begins.
+
+    At most what fits into the frame.
+    """
     rows, columns = camera.shape
     corners = [[x, y] for x in (0.0, columns - 1.0) for y in (0.0, rows - 1.0)]
     span = np.ptp(path.tracks(corners, camera), axis=-2).max(initial=0.0)
-    return 2 * int(np.ceil(span / 2 + _REACH_SIGMAS * sigma.max() + 0.5)) + 1
+    reach = int(np.ceil(span / 2 + _REACH_SIGMAS * sigma.max() + 0.5))
+    return 2 * min(reach, (min(rows, columns) - 1) // 2) + 1

@@ -34,6 +34,7 @@ _DAMPING = 0.5
 _NARROWEST = 0.25  # pixels; the iteration for a star at rest contracts above a sigma of 0.1995 only
 _FAINTEST = 5.0  # flux in units of its error
 _CROWDED_SIGMAS = 6.0
+_WHOLE_SIGMAS = 3.0  # of a star on either side of its track, for its window to hold it
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def measure_singly(scene: Scene, how: Recipe) -> AidedCentroids:
                 solution.flux,
                 solution.n_iter,
                 solution.converged,
-                _flags(camera, data, solution.flux, solution.converged, boxes[-1]),
+                _flags(scene, data, solution.flux, solution.converged, boxes[-1]),
             )
         )
     return _finished(found, boxes, scene, how)
@@ -138,7 +139,7 @@ def measure_jointly(scene: Scene, how: Recipe, predicted: Floats, rate_prior_rad
         xy = np.where(known[part], xy, np.nan)
         settled, rounds = np.repeat(joint.converged, stars), np.repeat(joint.n_iter, stars)
         boxes.append(scene.boxes(carried(camera, xy, to_start).reshape(-1, 2), of))
-        flags = _flags(camera, data, joint.flux.ravel(), settled, boxes[-1])
+        flags = _flags(scene, data, joint.flux.ravel(), settled, boxes[-1])
         sigma_xy = np.where(known[part], np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1)), np.nan).reshape(-1, 2)
         told = np.where(np.isnan(sigma_xy), np.nan, xy.reshape(-1, 2))
         found.append(AidedCentroids(told, sigma_xy, joint.flux.ravel(), rounds, settled, flags))
@@ -182,12 +183,12 @@ def _finished(found: list[AidedCentroids], boxes: list[Floats], scene: Scene, ho
     return result
 
 
-def _flags(
-    camera: Camera, data: Windows, flux: Floats, converged: NDArray[np.bool_], boxes: Floats
-) -> NDArray[np.int64]:
-    rows, columns = camera.shape
-    (left, top), (right, bottom) = np.moveaxis(boxes, 0, -1)
-    outside = (left < -0.5) | (top < -0.5) | (right > columns - 0.5) | (bottom > rows - 0.5)
+def _flags(scene: Scene, data: Windows, flux: Floats, converged: NDArray[np.bool_], boxes: Floats) -> NDArray[np.int64]:
+    low, high = boxes[:, 0], boxes[:, 1]
+    first, beyond = data.origin - 0.5, data.origin + data.light.shape[:0:-1] - 0.5
+    reach = _WHOLE_SIGMAS * scene.sigma
+    cut = (low - reach < first) | (high + reach > beyond)
+    outside = ((low < -0.5) | (high > np.array(scene.camera.shape[::-1]) - 0.5) | cut).any(axis=1)
     bright = flux > _FAINTEST * data.flux_error
     return (
         SpotFlag.NOT_CONVERGED * (~converged & np.isfinite(boxes[:, 0, 0]))

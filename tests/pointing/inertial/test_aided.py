@@ -1,5 +1,7 @@
 """Errors against the Cramer-Rao bound, methods against each other, invariants, and what is flagged or refused."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -203,6 +205,30 @@ def test_what_is_wrong_with_a_star_is_flagged_and_nothing_raises(camera):
     np.testing.assert_allclose(found.xy[3], path.carry(stars, camera)[3], atol=0.1)
 
 
+@pytest.mark.parametrize("method", ["iterative", "closed_form", "least_squares"])
+@pytest.mark.parametrize(("window", "holds"), [(3, False), (5, False), (13, True), (None, True)])
+def test_a_window_that_cuts_the_track_is_flagged(camera, window, holds, method):
+    path = lb.motion_path(lb.Vibration(constant_rad_s=[0.0, 0.02, 0.0]), 0.025)
+    tracks = path.tracks([[200.0, 100.0]], camera)
+    assert 1.5 < np.ptp(tracks[..., 0]) < 2.0
+    frame = lb.render_streaks(tracks, path.share, 3e4, 0.6, camera.shape)
+    start = np.rint(tracks.mean(axis=-2))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # what is cut may not settle
+        found = lb.aided_centroid(frame, start, path=path, camera=camera, sigma=0.6, window=window, method=method)
+    assert bool(found.flags[0] & SpotFlag.EDGE) is not holds
+
+
+def test_the_usual_window_fits_into_the_frame():
+    small = lb.Camera(focal_mm=36.6, pixel_um=10.0, shape=(20, 24))
+    path = lb.motion_path(lb.Vibration(constant_rad_s=[0.0, 0.1, 0.0]), 0.025)
+    tracks = path.tracks([[17.0, 10.0]], small)
+    frame = lb.render_streaks(tracks, path.share, 3e4, 1.0, small.shape)
+    found = lb.aided_centroid(frame, tracks.mean(axis=-2), path=path, camera=small, sigma=1.0, background=0.0)
+    assert found.flags[0] == 0
+    np.testing.assert_allclose(found.xy, path.carry([[17.0, 10.0]], small), atol=0.05)
+
+
 def test_an_empty_field_gives_an_empty_answer(camera, sense):
     path = sense(lb.Vibration())
     found = lb.aided_centroid(np.zeros(camera.shape), np.empty((0, 2)), path=path, camera=camera, sigma=0.6)
@@ -294,6 +320,8 @@ def test_a_star_that_is_missing_raises_no_warning(camera, sense, choices):
         ({"method": "magic"}, "method must be one of 'iterative', 'closed_form', 'least_squares', 'joint'"),
         ({"epoch": "later"}, "epoch must be one of 'start', 'middle', 'end'"),
         ({"window": 12}, "window must be odd, got 12"),
+        ({"window": 601}, "window of 601 x 601 pixels does not fit into frames of 512 x 512 pixels"),
+        ({"noise": 3.0}, "noise must be a Detector, got 3.0"),
         ({"background": "plane"}, "background must be one of 'border'"),
         ({"background": np.zeros(3)}, r"background must broadcast to \(1,\), got shape \(3,\)"),
         ({"threshold": 2.0}, "threshold must be a finite number from 0 to 1, got 2"),
