@@ -20,7 +20,7 @@ __all__ = ["Catalogue", "Field", "load_catalogue", "random_attitudes"]
 Floats = NDArray[np.float64]
 
 _RAD_PER_MAS = np.pi / (180 * 3600e3)
-_HIP2_EPOCH = 1991.25
+_HIPPARCOS_EPOCH = 1991.25
 
 
 class _Star(NamedTuple):
@@ -59,7 +59,7 @@ class Catalogue:
     direction : (n, 3) array
         Unit vectors in ICRS.
     magnitude : (n,) array
-        Hp for Hipparcos, VT for Tycho-2.
+        Hp for Hipparcos, the old and the new, VT for Tycho-2.
     ident : (n,) array of int
         HIP number; for Tycho-2 its three parts as TYC1 * 1e6 + TYC2 * 10 + TYC3.
     epoch : float, Julian years
@@ -136,7 +136,8 @@ def load_catalogue(path: str | Path | None = None, *, faintest: float = 99.0, ep
     Parameters
     ----------
     path : path, optional
-        ``hip2.dat`` (van Leeuwen 2007, CDS I/311) or ``tyc2.dat`` (CDS I/259), both as CDS has them, plain text.
+        ``hip2.dat`` (van Leeuwen 2007, CDS I/311), ``hip_main.dat`` (ESA 1997, CDS I/239) or ``tyc2.dat`` (CDS
+        I/259), as CDS has them, plain text.
     faintest : float, magnitude
         Leave out fainter stars.
     epoch : float, Julian years
@@ -149,7 +150,7 @@ def load_catalogue(path: str | Path | None = None, *, faintest: float = 99.0, ep
     Raises
     ------
     ValueError
-        If the file is neither of the two or a line of it cannot be read, or another epoch is asked of the table that
+        If the file is none of the three or a line of it cannot be read, or another epoch is asked of the table that
         comes with losbench.
 
     Examples
@@ -165,9 +166,9 @@ def load_catalogue(path: str | Path | None = None, *, faintest: float = 99.0, ep
         return _shipped(limit)
     with open(path, encoding="ascii", errors="replace") as file:
         kind = _kind(file.readline())
-    if kind == "unknown":
-        raise ValueError(f"{path} is neither hip2.dat (CDS I/311) nor tyc2.dat (CDS I/259)")
-    return _read(Path(path), _hipparcos_row if kind == "hip2" else _tycho_row, limit, year)
+    if kind not in _ROWS:
+        raise ValueError(f"{path} is none of hip2.dat (CDS I/311), hip_main.dat (CDS I/239) and tyc2.dat (CDS I/259)")
+    return _read(Path(path), _ROWS[kind], limit, year)
 
 
 def random_attitudes(n: int, rng: np.random.Generator | int) -> Floats:
@@ -196,8 +197,9 @@ def _shipped(faintest: float) -> Catalogue:
 
 
 def _kind(line: str) -> str:
-    if line.count("|") >= 20:
-        return "tyc2"
+    parts = line.split("|")
+    if len(parts) > 20:
+        return "hip1" if parts[0] == "H" else "tyc2" if len(parts[0].split()) == 3 else "unknown"
     fields = line.split()
     return "hip2" if len(fields) >= 20 and fields[0].isdigit() and "|" not in line else "unknown"
 
@@ -224,7 +226,16 @@ def _read(path: Path, row: Callable[[str], _Star | None], faintest: float, epoch
 def _hipparcos_row(line: str) -> _Star:
     """Columns of I/311: HIP, Sn, So, Nc, RA and Dec (rad), parallax, pmRA cos(Dec), pmDec (mas/yr), ..., Hp."""
     parts = line.split()
-    return _star(int(parts[0]), [float(parts[k]) for k in (4, 5, 7, 8)], _HIP2_EPOCH, parts[19])
+    return _star(int(parts[0]), [float(parts[k]) for k in (4, 5, 7, 8)], _HIPPARCOS_EPOCH, parts[19])
+
+
+def _first_hipparcos_row(line: str) -> _Star | None:
+    """Columns of I/239 by '|': H, HIP, ..., RA and Dec (deg) as the 9th and 10th, pm (mas/yr) as the 13th, Hp 45th."""
+    parts = line.split("|")
+    if not (parts[8].strip() and parts[44].strip()):
+        return None  # 263 stars have no solution
+    ra, dec, *motion = (float(parts[k]) for k in (8, 9, 12, 13))
+    return _star(int(parts[1]), [math.radians(ra), math.radians(dec), *motion], _HIPPARCOS_EPOCH, parts[44])
 
 
 def _tycho_row(line: str) -> _Star | None:
@@ -235,6 +246,13 @@ def _tycho_row(line: str) -> _Star | None:
     one, two, three = map(int, parts[0].split())
     ra, dec, *motion = (float(parts[k]) for k in (2, 3, 4, 5))
     return _star(one * 1_000_000 + two * 10 + three, [math.radians(ra), math.radians(dec), *motion], 2000.0, parts[19])
+
+
+_ROWS: dict[str, Callable[[str], _Star | None]] = {
+    "hip2": _hipparcos_row,
+    "hip1": _first_hipparcos_row,
+    "tyc2": _tycho_row,
+}
 
 
 def _star(ident: int, place: list[float], epoch: float, magnitude: str) -> _Star:

@@ -103,6 +103,31 @@ def test_a_tycho_table_is_read_like_a_hipparcos_one(tmp_path):
     assert len(lb.load_catalogue(path, faintest=12.0).ident) == 0
 
 
+HIP1 = (
+    "H|           1| |00 00 00.22|+01 05 20.4| 9.10| |H|000.00091185|+01.08901332| |   3.54|   -5.20|   -1.88|  1.32|"
+    "  0.74|  1.39|  1.36|  0.81| 0.32|-0.07|-0.11|-0.24| 0.09|-0.01| 0.10|-0.01| 0.01| 0.34|  0| 0.74|     1| 9.643|"
+    "0.020| 9.130|0.019| | 0.482|0.025|T|0.55|0.03|L| | 9.2043|0.0020|0.017| 87| | 9.17| 9.24|       | | | |\n"
+)
+
+
+def test_the_first_hipparcos_table_is_read_too(tmp_path):
+    path = tmp_path / "hip_main.dat"
+    path.write_text(HIP1 + HIP1.replace("000.00091185|+01.08901332", "            |            "))
+    stars = lb.load_catalogue(path, epoch=1991.25)
+    assert stars.ident.tolist() == [1] and stars.magnitude.tolist() == [9.2043]
+    ra, dec = np.arctan2(*stars.direction[0, 1::-1]), np.arcsin(stars.direction[0, 2])
+    assert np.degrees([ra, dec]) == pytest.approx([0.00091185, 1.08901332], abs=1e-12)
+    moved = lb.load_catalogue(path, epoch=2091.25).direction - stars.direction
+    assert np.degrees(np.linalg.norm(moved)) * 3600 == pytest.approx(np.hypot(0.520, 0.188), rel=1e-4)
+
+
+def test_the_first_tycho_table_is_not_taken_for_the_second(tmp_path):
+    path = tmp_path / "tyc_main.dat"
+    path.write_text("T" + HIP1[1:])
+    with pytest.raises(ValueError, match="tyc_main.dat is none of hip2.dat"):
+        lb.load_catalogue(path)
+
+
 HIP2 = "1 1 5 0 0.1000 0.2000 5.0 100.0 -200.0 1 1 1 1 1 1 1 1 1 1 5.5000 0.1 0.1 1 0.5 0.4 0.1 7 1 1\n"
 
 
@@ -149,7 +174,7 @@ def test_the_table_is_made_by_the_script_beside_it(tmp_path):
 @pytest.mark.parametrize(
     ("act", "message"),
     [
-        (lambda: lb.load_catalogue(data_file("claims.csv")), "claims.csv is neither hip2.dat .* nor tyc2.dat"),
+        (lambda: lb.load_catalogue(data_file("claims.csv")), "claims.csv is none of hip2.dat .* and tyc2.dat"),
         (lambda: lb.load_catalogue(epoch=2010.0), "epoch must be 2000 for the stars that come with losbench, got 2010"),
         (lambda: STARS.field(np.eye(2), CAMERA), r"attitude must have shape \(3, 3\), got \(2, 2\)"),
         (lambda: STARS.field(2 * np.eye(3), CAMERA), "attitude must be a rotation matrix"),
