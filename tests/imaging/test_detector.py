@@ -73,6 +73,11 @@ def test_the_same_seed_gives_the_same_frame():
         ({"bits": 7}, "bits must be a whole number from 8 to 16, got 7"),
         ({"prnu": 0.6}, "prnu must be a finite number from 0 to 0.5, got 0.6"),
         ({"prnu_seed": -1}, "prnu_seed must be a whole number from 0"),
+        ({"full_well_e": "x"}, "full_well_e must be a number, got 'x'"),
+        ({"full_well_e": np.nan}, "full_well_e must be a finite number, got nan"),
+        ({"hot_pixels": (1, 2, 3.0)}, r"hot_pixels must be \(x, y, electrons\) .*, got 1"),
+        ({"hot_pixels": 5}, r"hot_pixels must be a tuple of \(x, y, electrons\), got 5"),
+        ({"hot_pixels": ((1, 2, "x"),)}, r"hot_pixels must be \(x, y, electrons\) .*, got \(1, 2, 'x'\)"),
         ({"hot_pixels": ((1, 2),)}, r"hot_pixels must be \(x, y, electrons\) .*, got \(1, 2\)"),
     ],
 )

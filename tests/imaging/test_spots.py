@@ -64,6 +64,8 @@ def test_no_spots_make_a_dark_frame():
         ({"sigma": [1.0, 1.0, 1.0]}, r"sigma must broadcast to \(1, 2\) to match xy, got shape \(3,\)"),
         ({"flux": -1.0}, "flux must not be negative, got -1"),
         ({"flux": [1.0, 2.0]}, r"flux must broadcast to \(1,\) to match xy, got shape \(2,\)"),
+        ({"shape": 20}, r"shape must be \(rows, columns\), got 20"),
+        ({"shape": (1, 2, 3)}, r"shape must be \(rows, columns\), got \(1, 2, 3\)"),
         ({"shape": (0, 5)}, "shape must be a whole number of at least 1, got 0"),
         ({"origin": (0, 0, 0)}, r"origin must have shape \(\.\.\., 2\), got \(3,\)"),
     ],
