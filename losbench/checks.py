@@ -26,6 +26,8 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
+_NO_NUMBERS = "mMUSc"  # times, text and complex: NumPy would read a date as its count of some unit
+
 
 def finite(name: str, value: ArrayLike, *, ndim: int | None = None) -> Floats:
     """Return ``value`` as a float array, or raise ``ValueError`` if it is empty or holds NaN or infinity."""
@@ -64,7 +66,7 @@ def non_negative(name: str, value: ArrayLike) -> Floats:
 def number(name: str, value: object, *, low: float = -np.inf, high: float = np.inf) -> float:
     """Return ``value`` as one finite float between ``low`` and ``high``, both allowed."""
     try:
-        if isinstance(value, str):
+        if isinstance(value, str | bool | np.bool_):
             raise TypeError  # float() would read it
         result = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
@@ -130,9 +132,13 @@ def shaped(name: str, array: NDArray[Any], shape: tuple[int | str, ...], *, why:
 
 def _floats(name: str, value: ArrayLike, ndim: int | None) -> Floats:
     try:
-        array = np.asarray(value, dtype=np.float64)
+        given = np.asarray(value)
+        array = None if given.dtype.kind in _NO_NUMBERS else given.astype(np.float64, copy=False)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}") from None
+        array = None
+    if array is None:
+        held = f" of {value.dtype}" if isinstance(value, np.ndarray) else ""
+        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}{held}")
     if ndim is not None and array.ndim != ndim:
         raise ValueError(f"{name} must have {ndim} dimension{'s' * (ndim != 1)}, got shape {array.shape}")
     if array.size == 0:

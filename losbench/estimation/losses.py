@@ -2,7 +2,8 @@
 
 With u a residual over its scale: ``rho(u)`` is the loss, ``psi(u)`` its derivative, ``weights(u) = psi(u) / u`` what
 iteratively reweighted least squares multiplies a row by, and ``psi_deriv(u)`` what its covariance needs.
-`irls` asks for ``weights`` alone, so any object with that method will do, the norms of statsmodels included.
+`irls` asks for ``weights`` alone, so any object will do whose weights take arrays of any shape and are 1 at zero: the
+norms of statsmodels too, all but ``MQuantileNorm``, which takes one dimension only.
 """
 
 from __future__ import annotations

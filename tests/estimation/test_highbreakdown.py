@@ -1,5 +1,6 @@
 """LTS and MM against R, against an exhaustive search, and against as many bad rows as can be."""
 
+import tracemalloc
 from itertools import combinations
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from statsmodels.datasets import stackloss
 
 import losbench as lb
+from losbench.estimation.highbreakdown import search
 
 DATA = stackloss.load_pandas()
 A = np.column_stack([np.ones(21), DATA.exog.to_numpy()])
@@ -95,6 +97,50 @@ def test_estimates_follow_the_units_and_the_unknowns(fit):
         fit(design, y + design @ [1.0, 2.0, 3.0]).x, base.x + np.array([1.0, 2.0, 3.0]), rtol=1e-5
     )
     np.testing.assert_allclose(fit(design @ mix, y).x @ mix.T, base.x, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("fit", FITS)
+def test_a_cubic_in_seconds_is_the_cubic_in_megaseconds(fit):
+    t = np.linspace(0.5, 2.0, 30)
+    y = 1.0 + 2.0 * t**3 + 0.1 * np.random.default_rng(1).standard_normal(30)
+    y[[4, 20]] += 30.0
+    powers = np.arange(4)
+    near, far = fit(t[:, None] ** powers, y), fit((1e6 * t[:, None]) ** powers, y)
+    np.testing.assert_allclose(far.x * 1e6**powers, near.x, rtol=1e-6)
+    np.testing.assert_allclose(far.weights, near.weights, atol=1e-6)
+    assert not near.weights[[4, 20]].any()
+    assert near.weights.sum() > 20
+
+
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize(("n", "starts"), [(10, 500), (60, 37)])
+def test_starts_in_several_blocks_are_those_in_one(fit, n, starts, monkeypatch):
+    design, y = RNG.standard_normal((n, 3)), RNG.standard_t(2, (4, n))
+    whole = fit(design, y, starts=starts, on_fail="ignore") if fit is lb.mm else fit(design, y, starts=starts)
+    monkeypatch.setattr(search, "_BLOCK_ELEMENTS", 10 * 3 * n)
+    parts = fit(design, y, starts=starts, on_fail="ignore") if fit is lb.mm else fit(design, y, starts=starts)
+    np.testing.assert_allclose(parts.x, whole.x, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(parts.weights, whole.weights, atol=1e-6)
+
+
+@pytest.mark.parametrize("fit", FITS)
+def test_a_long_system_needs_little_memory(fit):
+    design = np.random.default_rng(1).standard_normal((20_000, 4))
+    tracemalloc.start()
+    fit(design, np.random.default_rng(2).standard_normal(20_000), starts=110)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 400e6
+
+
+def test_many_unknowns_with_leverage_are_found():
+    rng = np.random.default_rng(3)
+    design, y = rng.standard_normal((200, 20)), 0.1 * rng.standard_normal(200)
+    design[:60] += 5.0
+    y[:60] += 20.0
+    result = lb.lts(design, y)
+    assert not result.weights[:60].any()
+    assert np.abs(result.x).max() < 0.1
 
 
 @pytest.mark.parametrize("fit", FITS)
@@ -237,6 +283,16 @@ BAD = [
     (lb.mm, {"efficiency": 1.0}, r"efficiency must be within what Bisquare can have, .*, got 1"),
     *((fit, {"starts": 0}, r"starts must be a whole number of at least 1, got 0") for fit in FITS),
     *((fit, {"scale": -1.0}, r"scale must be positive, got -1") for fit in FITS),
+    *((fit, {"scale": True}, r"scale must be a name, a number or a callable, got True") for fit in FITS),
+    *(
+        (fit, {"rng": rng}, r"rng must be a numpy Generator or a seed of at least 0, got")
+        for fit in FITS
+        for rng in ("a", 1.5, True)
+    ),
+    (lb.lts, {"y": np.arange(8).astype("datetime64[s]")}, r"y must be an array of numbers, got ndarray of datetime64"),
+    (lb.mm, {"y": np.arange(8).astype("timedelta64[s]")}, r"y must be an array of numbers, got ndarray of timedelta64"),
+    (lb.lts, {"y": ["1"] * 8}, r"y must be an array of numbers, got list"),
+    (lb.mm, {"y": np.full(8, 1.0j)}, r"y must be an array of numbers, got ndarray of complex128"),
     *((fit, {"group": [1]}, r"group must have shape \(8,\) to match the 8 rows of A, got \(1,\)") for fit in FITS),
     *((fit, {"y": np.full(8, np.nan)}, r"y must be finite, got 8 NaN or infinite of 8 values") for fit in FITS),
     *(

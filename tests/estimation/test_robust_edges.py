@@ -140,6 +140,7 @@ BAD = [
     ({"scale": [1.0, 2.0]}, r"scale must broadcast to the batch \(\), got shape \(2,\)"),
     ({"scale": np.median}, r"scale must turn residuals .* into one non-negative number for each system"),
     ({"scale": lambda r: np.full(len(r), np.nan)}, r"scale must turn residuals .*"),
+    ({"loss": lb.Huber}, r"loss must be an object, Huber\(\.\.\.\), got the class Huber itself"),
     ({"loss": 3.0}, r"loss must have a method weights\(u\), got 3\.0"),
     ({"group": [1, 2]}, r"group must have shape \(8,\) to match the 8 rows of A, got \(2,\)"),
     ({"x0": [1.0, 2.0]}, r"x0 must broadcast to \(3,\), got \(2,\)"),
@@ -169,3 +170,33 @@ def test_failure_to_converge_is_said_once_and_the_last_iterate_kept():
     assert "NOT CONVERGED in 2 iterations" in repr(lb.irls(A, y[0], scale="std", max_iter=2, tol=0.0, on_fail="ignore"))
     with pytest.raises(RuntimeError, match="6 of 6 systems did not converge in 2 iterations"):
         lb.irls(A, y, scale="std", max_iter=2, tol=0.0, on_fail="raise")
+
+
+class Ratio:
+    def weights(self, u):
+        return np.tanh(u) / u
+
+
+class Flat:
+    def weights(self, u):
+        return np.ones(u.size)
+
+
+def test_a_loss_must_weigh_a_perfect_residual_and_any_shape():
+    from statsmodels.robust import norms
+
+    with pytest.raises(
+        ValueError, match=r"loss must give each u a finite weight, u = 0 of a perfect fit too, got .*nan"
+    ):
+        lb.irls(A, A @ [1.0, -2.0, 3.0], loss=Ratio())
+    with pytest.raises(ValueError, match=r"loss must give each u a finite weight, .* for zeros of shape \(2, 3\)"):
+        lb.irls(A, Y, loss=Flat())
+    with pytest.raises(
+        ValueError, match=r"loss must have weights\(u\) for arrays u of any shape, those of .*MQuantile"
+    ):
+        lb.irls(A, Y, loss=norms.MQuantileNorm(0.5, norms.HuberT()))
+
+
+def test_a_start_must_be_a_number_of_scales_away():
+    with pytest.raises(ValueError, match=r"A x0 must be finite, got 8 NaN or infinite of 8 values"):
+        lb.irls(1e200 * np.ones((8, 1)), Y, x0=[1e200])

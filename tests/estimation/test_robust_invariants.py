@@ -69,6 +69,25 @@ def test_a_change_of_unknowns_changes_only_the_unknowns(name, seed):
         np.testing.assert_allclose(mix @ mixed.cov @ mix.T, plain.cov, rtol=1e-4, atol=1e-8)
 
 
+@pytest.mark.parametrize("name", [*FITS, "started", "LTS", "MM"])
+@pytest.mark.parametrize("p", [2, 4])
+@settings(deadline=None, max_examples=15)
+@given(seed=seeds)
+def test_units_of_the_unknowns_do_not_matter(name, p, seed):
+    fit = {
+        "started": lambda a, y: lb.irls(a, y, loss=lb.Bisquare(), x0=lb.lstsq(a, y).x, max_iter=1000, on_fail="ignore"),
+        "LTS": lb.lts,
+        "MM": lambda a, y: lb.mm(a, y, on_fail="ignore"),
+        **FITS,
+    }[name]
+    rng = np.random.default_rng(seed)
+    a, y, unit = rng.standard_normal((12, p)), rng.standard_t(3, 12), 10.0 ** rng.uniform(-60, 60, p)
+    plain, scaled = fit(a, y), fit(a * unit, y)
+    if settled(plain, scaled):
+        np.testing.assert_allclose(scaled.x * unit, plain.x, atol=1e-6)
+        np.testing.assert_allclose(scaled.weights, plain.weights, atol=1e-5)
+
+
 @every_fit
 @settings(deadline=None, max_examples=25)
 @given(seed=seeds)

@@ -9,7 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import integer, number
 from losbench.estimation.highbreakdown.mscale import MScale
-from losbench.estimation.highbreakdown.search import Random, Search, Subsets, Units, chunks, generator
+from losbench.estimation.highbreakdown.search import (
+    Random,
+    Search,
+    Subsets,
+    Units,
+    chunks,
+    default_starts,
+    random_source,
+)
 from losbench.estimation.influence import tuned
 from losbench.estimation.losses import Bisquare
 from losbench.estimation.robust.fit import irls
@@ -34,7 +42,7 @@ def mm(
     efficiency: float = 0.95,
     group: ArrayLike | None = None,
     scale: float | ArrayLike | None = None,
-    starts: int = 500,
+    starts: int | None = None,
     rng: Random = None,
     on_fail: str = "warn",
 ) -> RobustFit:
@@ -52,8 +60,9 @@ def mm(
         Rows that are good or bad together, such as the x and y of a spot.
     scale : float or (...) array, unit of y, optional
         Standard deviation of a good row, if known; that of the S-estimate otherwise.
-    starts : int
-        Random starts, where there are more than 1000 subsets.
+    starts : int, optional
+        Random starts, where there are more than 1000 subsets; 500 unless given, and more, up to 5000, from 14 unknowns
+        on. The notes of `lts` say what they are good for.
     rng : Generator or int, optional
         Source of the random starts; the same ones every time unless given.
     on_fail : "warn", "raise" or "ignore"
@@ -86,7 +95,8 @@ def mm(
     problem = read_problem(A, y)
     units = Units.read(group, problem.y.shape[1])
     loss = tuned(Bisquare(), number("efficiency", efficiency, low=0.0, high=1.0), rows=units.rows)
-    start, size = _s_estimate(problem, units, integer("starts", starts, low=1), generator(rng))
+    count = None if starts is None else integer("starts", starts, low=1)
+    start, size = _s_estimate(problem, units, count, random_source(rng))
     if scale is not None:
         size = ScaleRule(scale, problem.batch, problem.y_unit)(size[:, None], np.arange(len(size)))
     size = (size * problem.y_unit).reshape(problem.batch)
@@ -132,30 +142,45 @@ def _covariance(problem: Problem, units: Units, fit: RobustFit, loss: Bisquare, 
     return cov.reshape(*problem.batch, *cov.shape[1:])
 
 
-def _s_estimate(problem: Problem, units: Units, starts: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def _s_estimate(problem: Problem, units: Units, starts: int | None, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Coordinates (B, p) and scaled scale (B,) of the S-estimate."""
+    count, p, n = len(problem.y), *problem.basis.shape[1:]
     needed = units.needed(int(problem.rank.max()))
-    subsets = Subsets(problem, units.choose(needed, most=max(_ALL, starts), starts=starts, rng=rng))
+    starts = default_starts(needed) if starts is None else starts
+    z, size = np.empty((count, 0, p)), np.empty((count, 0))
+    for weights in units.choose(needed, most=max(_ALL, starts), starts=starts, rng=rng, columns=p):
+        subsets, found = Subsets(problem, weights), []
+        for part in chunks(count, weights.size):
+            search = Search(problem.part(part))
+            found.append(_least(*_tried(search, subsets.fits(search), MScale(search.problem, units)), _BEST))
+        fresh, sizes = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        z, size = _least(np.concatenate([z, fresh], axis=1), np.concatenate([size, sizes], axis=1), _BEST)
     parts = []
-    for part in chunks(len(problem.y), subsets.weights.size):
+    for part in chunks(count, z.shape[1] * n):
         search = Search(problem.part(part))
-        parts.append(_least_scale(search, subsets.fits(search), MScale(search.problem, units)))
+        parts.append(_downhill(search, z[part], size[part], MScale(search.problem, units)))
     z, size = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return z, size
-
-
-def _least_scale(search: Search, z: Floats, measure: MScale) -> tuple[Floats, Floats]:
-    """Follow the best candidates (B, k, p) downhill; coordinates and scale of the lowest place."""
-    size = measure.start(search.residuals(z))
-    z, size = measure.step(search, z, size)
-    size = measure.better(search.residuals(z), size, rounds=2)
-    for count, steps in ((_BEST, _STEPS), (1, 0)):
-        best = np.argsort(size, axis=1, kind="stable")[:, :count]
-        z, size = np.take_along_axis(z, best[..., None], axis=1), np.take_along_axis(size, best, axis=1)
-        for _ in range(steps):
-            before, (z, size) = z, measure.step(search, z, size)
-            moved = np.abs(z - before).max(axis=-1)
-            if (moved <= _SETTLED * np.maximum(size, np.abs(z).max(axis=-1))).all():
-                break
-        size = measure.better(search.residuals(z), size, rounds=20 if steps else _STEPS)
     return z[:, 0], size[:, 0]
+
+
+def _tried(search: Search, z: Floats, measure: MScale) -> tuple[Floats, Floats]:
+    """Candidates (B, k, p) after one step, with their scales, roughly."""
+    z, size = measure.step(search, z, measure.start(search.residuals(z)))
+    return z, measure.better(search.residuals(z), size, rounds=2)
+
+
+def _downhill(search: Search, z: Floats, size: Floats, measure: MScale) -> tuple[Floats, Floats]:
+    """Follow a few candidates (B, k, p) downhill; coordinates (B, 1, p) and scale (B, 1) of the lowest place."""
+    for _ in range(_STEPS):
+        before, (z, size) = z, measure.step(search, z, size)
+        moved = np.abs(z - before).max(axis=-1)
+        if (moved <= _SETTLED * np.maximum(size, np.abs(z).max(axis=-1))).all():
+            break
+    z, size = _least(z, measure.better(search.residuals(z), size, rounds=20), 1)
+    return z, measure.better(search.residuals(z), size, rounds=_STEPS)
+
+
+def _least(z: Floats, size: Floats, count: int) -> tuple[Floats, Floats]:
+    """Coordinates (B, count, p) and scales (B, count) of the least scales (B, k), in their order."""
+    best = np.argsort(size, axis=1, kind="stable")[:, :count]
+    return np.take_along_axis(z, best[..., None], axis=1), np.take_along_axis(size, best, axis=1)

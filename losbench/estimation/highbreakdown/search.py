@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain, combinations
+from itertools import chain, combinations, islice
 from math import comb
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from losbench.checks import generator
 from losbench.estimation.robust.iterate import Groups
 from losbench.estimation.robust.problem import Problem, products, spd_inverse, unused
 
-__all__ = ["EXHAUSTIVE", "Random", "Search", "Subsets", "Units", "chunks", "generator"]
+__all__ = ["EXHAUSTIVE", "Random", "Search", "Subsets", "Units", "chunks", "default_starts", "random_source"]
 
 Floats = NDArray[np.float64]
 Random = np.random.Generator | int | None
 
 EXHAUSTIVE = 10_000  # subsets that are all tried rather than drawn from
 _CHUNK_ELEMENTS = 2**19  # numbers of all candidates held at once in one array
+_BLOCK_ELEMENTS = 2**22  # numbers of one block of subsets with all columns, which bounds the memory of a long system
+_STARTS = (500, 5000)
 
 
 @dataclass(frozen=True)
@@ -60,15 +63,24 @@ class Units:
         """What each row has from its unit, (..., m) -> (..., n)."""
         return values if self.groups is None else values[..., self.groups.labels]
 
-    def choose(self, size: int, *, most: int, starts: int, rng: np.random.Generator) -> Floats:
-        """Weights (k, n) of all subsets of ``size`` units if they are at most ``most``, of random ones otherwise."""
+    def choose(self, size: int, *, most: int, starts: int, rng: np.random.Generator, columns: int) -> Iterator[Floats]:
+        """Weights (k, n) of all subsets of ``size`` units if they are at most ``most``, of random ones otherwise.
+
+        They come in blocks that with ``columns`` unknowns fit into a little memory: one, unless systems are long.
+        """
         count = len(self.sizes)
+        block = max(1, _BLOCK_ELEMENTS // (int(self.sizes.sum()) * columns))
         if comb(count, size) <= most:
-            chosen = np.fromiter(chain.from_iterable(combinations(range(count), size)), dtype=np.intp)
-            chosen = chosen.reshape(-1, size)
+            every = combinations(range(count), size)
+            while len(chosen := np.fromiter(chain.from_iterable(islice(every, block)), dtype=np.intp)):
+                yield self._weights(chosen.reshape(-1, size))
         else:
-            chosen = np.argsort(rng.random((starts, count)), axis=1)[:, :size]
-        weights = np.zeros((len(chosen), count))
+            for first in range(0, starts, block):
+                order = np.argsort(rng.random((min(block, starts - first), count)), axis=1)
+                yield self._weights(order[:, :size])
+
+    def _weights(self, chosen: NDArray[np.intp]) -> Floats:
+        weights = np.zeros((len(chosen), len(self.sizes)))
         np.put_along_axis(weights, chosen, 1.0, axis=1)
         return self.spread(weights)
 
@@ -141,6 +153,15 @@ def chunks(count: int, elements: int) -> Iterator[slice]:
     return (slice(first, first + size) for first in range(0, count, size))
 
 
-def generator(rng: Random) -> np.random.Generator:
+def random_source(rng: Random) -> np.random.Generator:
     """Return the generator given, or one of its own from a seed; the same one for None, so that results repeat."""
-    return np.random.default_rng(0 if rng is None else rng)
+    return generator("rng", 0 if rng is None else rng)
+
+
+def default_starts(needed: int) -> int:
+    """Random subsets, so that one of them is clean with 99 % where 30 % of the units are bad; 500 to 5000.
+
+    >>> [default_starts(needed) for needed in (3, 13, 15, 18, 30)]
+    [500, 500, 968, 2826, 5000]
+    """
+    return int(np.clip(np.ceil(np.log(0.01) / np.log1p(-(0.7**needed))), *_STARTS))

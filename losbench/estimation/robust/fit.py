@@ -157,7 +157,7 @@ def irls(
         1.0 / np.sqrt(1.0 - np.minimum((problem.basis**2).sum(axis=1), _GREATEST_LEVERAGE)) if adjusted else None,
     )
     choice("on_fail", on_fail, ("warn", "raise", "ignore"))
-    start = problem.least_squares() if x0 is None else _start(problem, x0)
+    start = problem.least_squares() if x0 is None else _start(problem, A, x0)
     with np.errstate(over="ignore", under="ignore"):
         z, n_iter, settled = iterate(problem, method, start)
         residuals, weights, working = np.empty_like(problem.y), np.empty_like(problem.y), np.empty_like(problem.floor)
@@ -243,8 +243,23 @@ def as_fit(
 
 
 def _checked_loss(loss: Loss) -> Loss:
+    if isinstance(loss, type):
+        raise ValueError(f"loss must be an object, {loss.__name__}(...), got the class {loss.__name__} itself")
     if not callable(getattr(loss, "weights", None)):
         raise ValueError(f"loss must have a method weights(u), got {loss!r}")
+    at_zero = np.zeros((2, 3))
+    try:
+        with np.errstate(all="ignore"):
+            weights = np.asarray(loss.weights(at_zero), dtype=np.float64)
+    except (IndexError, TypeError, ValueError) as problem:
+        raise ValueError(
+            f"loss must have weights(u) for arrays u of any shape, those of {loss!r} fail at (2, 3): {problem}"
+        ) from None
+    if weights.shape != at_zero.shape or not np.isfinite(weights).all():
+        raise ValueError(
+            "loss must give each u a finite weight, u = 0 of a perfect fit too, "
+            f"got {weights.tolist()} for zeros of shape (2, 3) from {loss!r}"
+        )
     return loss
 
 
@@ -252,13 +267,16 @@ def _name(loss: Loss) -> str:
     return repr(loss) if type(loss).__repr__ is not object.__repr__ else type(loss).__name__
 
 
-def _start(problem: Problem, x0: ArrayLike) -> Floats:
+def _start(problem: Problem, A: ArrayLike, x0: ArrayLike) -> Floats:
     x = finite("x0", x0)
     wanted = (*problem.batch, problem.basis.shape[1])
     try:
-        return problem.coordinates(np.broadcast_to(x, wanted).reshape(-1, wanted[-1]))
+        x = np.broadcast_to(x, wanted)
     except ValueError:
         raise ValueError(f"x0 must broadcast to {wanted}, got {x.shape}") from None
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        fitted = np.matvec(np.asarray(A, dtype=np.float64), x)
+    return problem.coordinates(finite("A x0", fitted).reshape(-1, fitted.shape[-1]))
 
 
 def _report(converged: NDArray[np.bool_], max_iter: int, on_fail: str) -> None:

@@ -57,9 +57,9 @@ class Problem:
         """Unknowns in the user's units at coordinates ``z`` (B, p)."""
         return _times_unit(combine(z, np.swapaxes(self.to_x, 1, 2)), self.x_unit)
 
-    def coordinates(self, x: Floats) -> Floats:
-        """Coordinates in the basis of unknowns ``x`` (B, p) in the user's units."""
-        return combine(x / self.x_unit[:, None], np.swapaxes(np.linalg.pinv(self.to_x), 1, 2))
+    def coordinates(self, fitted: Floats) -> Floats:
+        """Coordinates in the basis of fitted values A x (B, n) in the user's units."""
+        return project(self.basis, fitted / self.y_unit[:, None])
 
     def covariance(self, size: Floats) -> Floats:
         """Covariance (B, p, p) in the user's units: (A'A)^-1 times the square of a scaled residual size (B,)."""

@@ -85,6 +85,8 @@ class ScaleRule:
             self.name = scale
             if scale == "mad" and dropped is not None:
                 self._named = partial(_median_of_rest, dropped=dropped)
+        elif isinstance(scale, bool):
+            raise ValueError(f"scale must be a name, a number or a callable, got {scale!r}")
         elif callable(scale):
             self._call = scale
             self.name = getattr(scale, "__name__", type(scale).__name__)
