@@ -84,12 +84,23 @@ def wrong_answers(check):
         yield 5, 0, "infinity"
         yield 6, 0, "Swap"
         yield 6, 1, "Swap"
-        yield 7, (0, 0), "Two numbers"
+        survived = lb.design_breakdown(
+            lb.design_matrix(np.column_stack([d[7].u, d[7].v, np.ones_like(d[7].u)]), model="paper"),
+            group=np.repeat(np.arange(len(d[7].u)), 2),
+        )
+        yield 7, (survived.monotone, 0), "other number is right. Any estimate"
+        yield 7, (survived.monotone + 5, survived.any), "other number is right. A monotone"
+        yield 7, (9, 9), "not yet. Any estimate"
+        yield 7, (1, 2, 3), "Two numbers"
         yield 7, 3, "form"
         yield 8, (0 if lb.lstsq(d[8].A, d[8].y).leverage.argmax() else 1, 0.5), "farthest"
         yield 8, (lb.lstsq(d[8].A, d[8].y).leverage.argmax(), 0.1), "hat matrix"
         yield 9, [19], "not alone"
         yield 9, [0, 1], "Some of these are good"
+        yield 9, lb.mm(d[9].A, d[9].y).weights < 2.0, "Some of these are good"
+        yield 9, [True], "form"
+        yield 9, [18.5], "form"
+        yield 9, [], "No row|one row at a time"
         yield 10, np.median(d[10].y), "watershed|large heap"
         yield 10, 1e6, "every weight is zero"
         yield 11, 1.0, "mean squares"
@@ -98,9 +109,44 @@ def wrong_answers(check):
         yield 12, 3.0, "form"
         yield 13, two.angles, "how many spots of eight"
         yield 13, two.angles_arcsec, "radians"
+        right = lb.solve_attitude(d[13].points, d[13].shifts, method="mm").angles
+        for axis in range(3):
+            flip = np.where(np.arange(3) == axis, -1.0, 1.0)
+            yield 13, right * flip, "radians"
+            yield 13, right * (flip > 0), "radians"
         yield 13, two.angles[:3], "400"
         yield 14, [(0, 0)], "missing"
+        yield 14, [3, 5, 7], "form"
+        yield 14, np.zeros((150, 2), dtype=bool), "missing"
+        yield 14, np.zeros((2, 150), dtype=bool), "form"
         yield 14, [(f, s) for f in range(150) for s in (0, 1)][:40], "missing|So many"
+
+
+@pytest.mark.parametrize("seed", [1, 5, 77])
+def test_right_answers_may_come_in_any_form(seed):
+    check = Exercises(seed=seed)
+    d = {number: check.data(number) for number in (1, 3, 4, 9, 14)}
+    bad = lb.mm(d[9].A, d[9].y).weights == 0
+    track = lb.track_attitude(d[14].points, d[14].shifts)
+    c = lb.tuned(lb.Huber(), d[4].percent / 100).c
+    for number, answer in [
+        (1, np.round(lb.irls(d[1].A, d[1].y).x, 3)),
+        (3, [np.median(np.abs(d[3].residuals)) / 0.6745]),
+        *((4, c + change) for change in (-0.003, 0.003)),
+        *((9, form) for form in (bad, bad.tolist(), set(np.flatnonzero(bad)), np.where(bad), np.argwhere(bad))),
+        *((14, form) for form in (track.bad, np.nonzero(track.bad), set(zip(*np.nonzero(track.bad), strict=True)))),
+    ]:
+        assert getattr(check, f"ex{number:02d}")(answer).right, (number, answer)
+
+
+def test_the_lab_s_tools_name_the_bad_rows_for_any_seed():
+    for seed in range(60):
+        check = Exercises(seed=seed)
+        d = check.data(9)
+        for doubted in (lb.lts(d.A, d.y).weights == 0, lb.mm(d.A, d.y).weights == 0, lb.mm(d.A, d.y).outliers()):
+            assert check.ex09(np.flatnonzero(doubted)).right, seed
+        everything = check.ex09(range(20))
+        assert not everything.right
 
 
 @pytest.mark.parametrize("seed", [1, 5])
