@@ -130,6 +130,9 @@ def _parser() -> argparse.ArgumentParser:
         "--window", type=int, default=5, help="samples of the mean that splits LSFE from NEA (%(default)s)"
     )
     five.add_argument("--track-gap-s", type=float, default=60.0, help="a longer gap begins a new track (%(default)s)")
+    five.add_argument(
+        "--max-gap-s", type=float, default=10.0, help="interpolate the drift between spots so far apart (%(default)s)"
+    )
     five.set_defaults(run=_drift)
 
     four = commands.add_parser("ledger", parents=[quiet], help="show the claims and their verdicts")
@@ -230,6 +233,7 @@ def _drift(options: argparse.Namespace) -> int:
         smooth_s=options.smooth_s,
         window=options.window,
         track_gap_s=options.track_gap_s,
+        max_gap_s=options.max_gap_s,
         force=options.force,
     )
     if not options.quiet:

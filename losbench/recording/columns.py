@@ -71,6 +71,8 @@ class TelemetryFormat:
         Pixel pitch.
     spot_sigma_um : float, optional
         Standard deviation of a spot position, for the drift's uncertainty.
+    boresight : (float, float, float)
+        Line of sight in the axes of the attitude.
     head_1, head_2 : HeadColumns
         The two heads.
     """
@@ -86,6 +88,7 @@ class TelemetryFormat:
     principal: tuple[float, float] = (0.0, 0.0)
     pixel_um: float | None = None
     spot_sigma_um: float | None = None
+    boresight: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         QuaternionConvention(scalar=self.scalar, direction=self.direction)
@@ -97,6 +100,8 @@ class TelemetryFormat:
             raise ValueError("spot_unit 'px' needs pixel_um")
         if len(self.head_1.spots) != len(self.head_2.spots):
             raise ValueError("both heads must have equally many spots")
+        if np.shape(self.boresight) != (3,) or not np.any(self.boresight):
+            raise ValueError(f"boresight must be a direction of three numbers, got {self.boresight}")
         twice = [name for name, count in Counter(self.columns).items() if count > 1]
         if twice:
             raise ValueError(f"every column must have one meaning, but {', '.join(twice)} is named twice")

@@ -18,7 +18,7 @@ from losbench.pointing.starcamera import (
     split_tracks,
 )
 from losbench.recording.columns import TelemetryFormat
-from losbench.recording.times import FrameTimes, numbers, read_table, utc_times
+from losbench.recording.times import FrameTimes, numbers, read_table, times_from_utc
 from losbench.units import ARCSEC_PER_RAD
 
 if TYPE_CHECKING:
@@ -70,80 +70,109 @@ def read_telemetry(path: str | Path, form: TelemetryFormat) -> Telemetry:
         If the quaternions have so few decimals that rounding shows, with what it costs in arcsec.
     """
     table, name = read_table(path), Path(path).name
-    heads = (form.head_1, form.head_2)
     missing = [column for column in form.columns if column not in table.columns]
     if missing:
         raise ValueError(f"{name} has no column {', '.join(missing)}; it has {', '.join(map(str, table.columns))}")
     clocks = [_clock(table, column, name) for column in form.clocks]
     if len({clock.start is None for clock in clocks}) > 1:
         raise ValueError(f"{name}: columns {' and '.join(form.clocks)} must both hold seconds, or both UTC")
-    kept = np.all([np.isfinite(clock.seconds) for clock in clocks], axis=0)
-    notes = [f"{np.count_nonzero(~kept)} of {len(table)} rows have no time and are left out."] if not kept.all() else []
-    table = table[kept]
-    times = [clock.seconds_since(clocks[0], "the second head")[kept] for clock in clocks]
-    quaternions = np.stack([_columns(table, head.quaternion, name) for head in heads])
-    spots = np.stack([_columns(table, [c for xy in head.spots for c in xy], name) for head in heads])
-    for t, column in zip(times, form.clocks, strict=True):
-        _check_order(t, f"{name}: column {column!r}", table.index.to_numpy() + 1)
-    for k in range(2):
-        _check_head(quaternions[k], spots[k], f"{name}: head {k + 1}", table.index.to_numpy() + 1)
-    notes += _remarks(times[0], quaternions, spots)
+    times = [clock.seconds_since(clocks[0], "the second head") for clock in clocks]
+    notes: list[str] = []
+    first, second = (_head(table, form, k, times[min(k, len(times) - 1)], name, notes) for k in range(2))
+    _warn_of_rounding(np.concatenate([first.quaternions, second.quaternions]), notes)
     if len(times) == 2:
-        quaternions[1], spots[1] = _on_first_clock(times, quaternions[1], spots[1], form.convention)
-        notes.append("The second head is interpolated to the first one's times, which lowers its noise.")
+        second = _on_clock_of(first, second, form.convention)
+        at, without = first.time_s, np.isnan(second.quaternions).any(axis=1)
+        notes.append(
+            "The second head is interpolated to the first one's times, which lowers its noise; "
+            f"{np.count_nonzero(without)} of {len(at)} lie outside its own or in a gap of more than {_SLOWEST_S:g} s."
+        )
+    quaternions = np.stack([first.quaternions, second.quaternions])
     if np.isnan(quaternions).any(axis=(0, 2)).all():
         raise ValueError(f"{name}: no row has the attitudes of both heads")
-    check_design(*quaternions, convention=form.convention, angle_deg=form.design_angle_deg)
-    return Telemetry(_pair(form, times[0], quaternions, spots), clocks[0].start, tuple(notes))
-
-
-def _pair(form: TelemetryFormat, time_s: Floats, quaternions: Floats, spots: Floats) -> PairTelemetry:
-    position = spots.reshape(2, len(time_s), -1, 2)
-    first_track = split_tracks(time_s) == 0
-    references = []
-    for head, seen in zip((form.head_1, form.head_2), position, strict=True):
-        if not head.reference and not np.isfinite(seen[first_track]).all(axis=(1, 2)).any():
-            raise ValueError("no row of the first track shows all spots: give their reference positions")
-        references.append(np.array(head.reference) if head.reference else np.nanmean(seen[first_track], axis=0))
-    reference = np.stack(references)
-    far = np.argwhere(_typical_shift(position - reference[:, None]) * form.unit_mm > _FARTHEST * form.focal_mm)
-    if far.size:
-        k, spot = far[0] + 1
-        raise ValueError(
-            f"head {k}: spot {spot} is too far from its reference for a drift: check its columns, spot_unit, "
-            "principal and reference"
-        )
-    flat_mm = (reference - np.array(form.principal)) * form.unit_mm
-    return PairTelemetry(
-        time_s=time_s,
+    check_design(
+        *quaternions, convention=form.convention, angle_deg=form.design_angle_deg, boresight=np.array(form.boresight)
+    )
+    pair = PairTelemetry(
+        time_s=first.time_s,
         quaternions=quaternions,
-        points_mm=np.concatenate([flat_mm, np.full_like(flat_mm[..., :1], form.focal_mm)], axis=-1),
-        shifts_mm=(position - reference[:, None]) * form.unit_mm,
+        points_mm=np.stack([first.points_mm, second.points_mm]),
+        shifts_mm=np.stack([first.shifts_mm, second.shifts_mm]),
         convention=form.convention,
         installation=np.stack([np.array(head.installation) for head in (form.head_1, form.head_2)]),
+        boresight=form.boresight,
     )
+    return Telemetry(pair, clocks[0].start, tuple(dict.fromkeys(notes)))
+
+
+@dataclass(frozen=True)
+class _Head:
+    """One head on its own clock: times (n,), quaternions (n, 4), shifts (n, m, 2), reference points (m, 3)."""
+
+    time_s: Floats
+    quaternions: Floats
+    shifts_mm: Floats
+    points_mm: Floats
+
+
+def _head(table: pd.DataFrame, form: TelemetryFormat, k: int, time_s: Floats, file: str, notes: list[str]) -> _Head:
+    """Read and check head ``k``, leaving out the rows without its time; what is noticed goes to ``notes``."""
+    columns, who = (form.head_1, form.head_2)[k], f"Head {k + 1}"
+    quaternions = _columns(table, columns.quaternion, file)
+    quaternions = np.where(np.isfinite(quaternions).all(axis=1, keepdims=True), quaternions, np.nan)
+    spots = _columns(table, [c for xy in columns.spots for c in xy], file)
+    timed = np.isfinite(time_s)
+    lost = np.count_nonzero(~timed & np.isfinite(np.concatenate([quaternions, spots], axis=1)).any(axis=1))
+    if lost:
+        clock = form.clocks[min(k, len(form.clocks) - 1)]
+        notes.append(f"{lost} of {len(table)} rows have no {clock} and are left out.")
+    t, quaternions, spots, rows = time_s[timed], quaternions[timed], spots[timed], np.flatnonzero(timed) + 1
+    _check_order(t, f"{file}: column {form.clocks[min(k, len(form.clocks) - 1)]!r}", rows)
+    _check_head(quaternions, spots, f"{file}: head {k + 1}", rows)
+    position, reference = _near(spots.reshape(len(t), -1, 2), t, rows, form, k, notes)
+    notes += _remarks(who, t, quaternions, position)
+    flat_mm = (reference - np.array(form.principal)) * form.unit_mm
+    points = np.concatenate([flat_mm, np.full_like(flat_mm[:, :1], form.focal_mm)], axis=1)
+    return _Head(t, quaternions, (position - reference) * form.unit_mm, points)
+
+
+def _near(
+    position: Floats, time_s: Floats, rows: NDArray[np.int64], form: TelemetryFormat, k: int, notes: list[str]
+) -> tuple[Floats, Floats]:
+    """Positions (n, m, 2) without those too far from their reference for a drift, and the reference (m, 2)."""
+    given = (form.head_1, form.head_2)[k].reference
+    first_track = split_tracks(time_s) == 0
+    if not given and not np.isfinite(position[first_track]).all(axis=(1, 2)).any():
+        raise ValueError("no row of the first track shows all spots: give their reference positions")
+    centre = np.array(given) if given else np.nanmedian(position[first_track], axis=0)
+    farthest = _FARTHEST * form.focal_mm / form.unit_mm
+    length = np.linalg.norm(position - centre, axis=-1)
+    far = length > farthest
+    for spot in range(far.shape[1]):
+        seen = length[np.isfinite(length[:, spot]), spot]
+        if seen.size and np.median(seen) > farthest:
+            raise ValueError(
+                f"head {k + 1}: spot {spot + 1} is too far from its reference for a drift: check its columns, "
+                "spot_unit, principal and reference"
+            )
+        if far[:, spot].any():
+            notes.append(
+                f"Head {k + 1}: {np.count_nonzero(far[:, spot])} positions of spot {spot + 1} lie more than "
+                f"{farthest:.3g} {form.spot_unit} from its reference, farther than any drift, and are left out; "
+                f"the first is in row {rows[np.argmax(far[:, spot])]}."
+            )
+    kept = np.where(far[..., None], np.nan, position)
+    return kept, np.array(given) if given else np.nanmean(kept[first_track], axis=0)
 
 
 def _clock(table: pd.DataFrame, column: str, name: str) -> FrameTimes:
     if table[column].dtype.kind in "iuf":
         return FrameTimes(numbers(table, column, name))
-    utc = utc_times(f"column {column!r} of {name}", table[column].tolist())
-    known = utc[~np.isnat(utc)]
-    if not known.size:
-        raise ValueError(f"column {column!r} of {name} must hold at least one time")
-    return FrameTimes(np.where(np.isnat(utc), np.nan, (utc - known[0]) / np.timedelta64(1, "ns") * 1e-9), known[0])
+    return times_from_utc(table[column].tolist(), f"column {column!r} of {name}")
 
 
 def _columns(table: pd.DataFrame, names: list[str] | tuple[str, ...], file: str) -> Floats:
-    values = np.stack([numbers(table, column, file) for column in names], axis=-1)
-    return np.where(np.isfinite(values).all(axis=-1, keepdims=True) | (values.shape[-1] != 4), values, np.nan)
-
-
-def _typical_shift(shifts: Floats) -> Floats:
-    """Median length of the shifts (2, n, m, 2) of each spot, (2, m); 0 where it was never seen."""
-    length = np.linalg.norm(shifts, axis=-1)
-    unseen = np.isnan(length).all(axis=1)
-    return np.where(unseen, 0.0, np.nanmedian(np.where(unseen[:, None], 0.0, length), axis=1))
+    return np.stack([numbers(table, column, file) for column in names], axis=-1)
 
 
 def _check_head(quaternions: Floats, spots: Floats, what: str, rows: NDArray[np.int64]) -> None:
@@ -173,27 +202,27 @@ def _check_order(t: Floats, what: str, rows: NDArray[np.int64]) -> None:
         )
 
 
-def _remarks(time_s: Floats, quaternions: Floats, spots: Floats) -> list[str]:
-    """What the reader of the results must know; a warning for rounded quaternions."""
-    notes = []
+def _remarks(who: str, time_s: Floats, quaternions: Floats, position: Floats) -> list[str]:
+    """What the reader of the results must know of one head."""
     neighbours = np.diff(split_tracks(time_s)) == 0
-    for k in range(2):
-        gone = int(np.isnan(quaternions[k]).any(axis=1).sum())
-        if gone:
-            notes.append(f"Head {k + 1}: {gone} rows without a quaternion.")
-        dark = int(np.isnan(spots[k]).any(axis=1).sum())
-        if dark:
-            notes.append(f"Head {k + 1}: {dark} rows miss a spot; drifts are interpolated over up to 10 s.")
-        flips = int((neighbours & (np.vecdot(quaternions[k][1:], quaternions[k][:-1]) < 0)).sum())
-        if flips:
-            notes.append(f"Head {k + 1}: the quaternion changes its sign {flips} times, which is harmless.")
+    gone = int(np.isnan(quaternions).any(axis=1).sum())
+    dark = int(np.isnan(position).any(axis=(1, 2)).sum())
+    flips = int((neighbours & (np.vecdot(quaternions[1:], quaternions[:-1]) < 0)).sum())
+    lines = {
+        f"{who}: {gone} rows without a quaternion.": gone,
+        f"{who}: {dark} rows miss a spot.": dark,
+        f"{who}: the quaternion changes its sign {flips} times, which is harmless.": flips,
+    }
+    return [line for line, count in lines.items() if count]
+
+
+def _warn_of_rounding(quaternions: Floats, notes: list[str]) -> None:
     decimals = _decimals(quaternions)
     if decimals < _FEWEST_DECIMALS:
         cost = 3.0 * np.sqrt(2.0) * 2.0 * 10.0**-decimals / np.sqrt(12.0) * ARCSEC_PER_RAD
         text = f"quaternions hold {decimals} decimals, which costs {cost:.2g} arcsec (3 sigma) of the angle"
         warnings.warn(f"{text}; {_FEWEST_DECIMALS} or more would not", UserWarning, stacklevel=3)
         notes.append(f"The {text}.")
-    return notes
 
 
 def _decimals(values: Floats) -> int:
@@ -201,18 +230,16 @@ def _decimals(values: Floats) -> int:
     return next((d for d in range(1, 15) if np.abs(known - np.round(known, d)).max() < 1e-14), 15)
 
 
-def _on_first_clock(
-    times: list[Floats], quaternions: Floats, spots: Floats, convention: QuaternionConvention
-) -> tuple[Floats, Floats]:
-    """Quaternions (n, 4) and spots (n, 2 m) of the second head at the times of the first."""
-    first_s, second_s = times
-    if first_s[0] > second_s[-1] or second_s[0] > first_s[-1]:
+def _on_clock_of(first: _Head, second: _Head, convention: QuaternionConvention) -> _Head:
+    """The second head at the times of the first."""
+    at, t = first.time_s, second.time_s
+    if at[0] > t[-1] or t[0] > at[-1]:
         raise ValueError(
-            f"the heads must overlap in time, but the first runs from {first_s[0]:g} to {first_s[-1]:g} s "
-            f"and the second from {second_s[0]:g} to {second_s[-1]:g} s"
+            f"the heads must overlap in time, but the first runs from {at[0]:g} to {at[-1]:g} s "
+            f"and the second from {t[0]:g} to {t[-1]:g} s"
         )
-    turned = interpolate_attitude(second_s, quaternions, first_s, convention=convention, max_gap_s=_SLOWEST_S)
-    after = np.clip(np.searchsorted(second_s, first_s), 1, len(second_s) - 1)
-    share = ((first_s - second_s[after - 1]) / (second_s[after] - second_s[after - 1]))[:, None]
-    moved = (1.0 - share) * spots[after - 1] + share * spots[after]
-    return turned, np.where(np.isnan(turned[:, :1]), np.nan, moved)
+    turned = interpolate_attitude(t, second.quaternions, at, convention=convention, max_gap_s=_SLOWEST_S)
+    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None, None]
+    moved = (1.0 - share) * second.shifts_mm[after - 1] + share * second.shifts_mm[after]
+    return _Head(at, turned, np.where(np.isnan(turned[:, :1, None]), np.nan, moved), second.points_mm)

@@ -183,6 +183,7 @@ def check_design(
     *,
     convention: QuaternionConvention,
     angle_deg: float,
+    boresight: ArrayLike = _ALONG_Z,
     tolerance_deg: float = 0.5,
     scatter_arcsec: float = 100.0,
 ) -> None:
@@ -198,6 +199,8 @@ def check_design(
         As the caller believes it to be.
     angle_deg : float
         Angle between the boresights by design.
+    boresight : (3,) array
+        Line of sight in camera axes, +z by default.
     tolerance_deg, scatter_arcsec : float
         Allowed distance of the median angle from it, and half-width of the middle half of the angles about it.
 
@@ -209,7 +212,7 @@ def check_design(
     design = number("angle_deg", angle_deg, low=0.0, high=180.0)
 
     def found(one: ArrayLike, two: ArrayLike) -> tuple[float, float]:
-        angle = np.degrees(boresight_angle(one, two, convention=convention))
+        angle = np.degrees(boresight_angle(one, two, convention=convention, boresight=boresight))
         low, middle, high = np.nanpercentile(angle, [25.0, 50.0, 75.0])
         return float(middle), float((high - low) / 2.0 * 3600.0)
 

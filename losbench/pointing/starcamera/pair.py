@@ -36,6 +36,8 @@ class PairTelemetry:
         Order and direction of the quaternions.
     installation : (2, 3, 3) array
         Rotation from each monitor's axes to its head's.
+    boresight : (3,)
+        Line of sight in the heads' axes.
     """
 
     time_s: Floats
@@ -44,6 +46,7 @@ class PairTelemetry:
     shifts_mm: Floats
     convention: QuaternionConvention
     installation: Floats
+    boresight: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         n, m = len(self.time_s), self.points_mm.shape[1]
@@ -122,6 +125,6 @@ def correct_pair(
         np.stack(drifts),
         (fits[0], fits[1]),
         np.stack(corrected),
-        boresight_angle(*telemetry.quaternions, convention=telemetry.convention),
-        boresight_angle(*corrected, convention=telemetry.convention),
+        boresight_angle(*telemetry.quaternions, convention=telemetry.convention, boresight=telemetry.boresight),
+        boresight_angle(*corrected, convention=telemetry.convention, boresight=telemetry.boresight),
     )
