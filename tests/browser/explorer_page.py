@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 # The picture's own description: the text chunk behind the header of its PNG. Read from what the page shows, decoded.
@@ -37,18 +38,29 @@ class ExplorerPage:
                 time.sleep(0.05)
         raise last
 
-    def wait_until_shown(self, text: str, *, timeout_s: float = 10.0) -> None:
-        """Return when the picture says that it shows ``text``."""
+    def wait_until_shown(self, text: str | Callable[[], str], *, timeout_s: float = 10.0) -> None:
+        """Return when the picture says that it shows ``text``, or what ``text()`` is by then."""
         end = time.monotonic() + timeout_s
-        while text not in (now := self.shown().split("; ")):
+        while (asked := text if isinstance(text, str) else text()) not in (now := self.shown().split("; ")):
             if time.monotonic() > end:
-                raise AssertionError(f"the picture should show {text!r}, but shows {now}")
+                raise AssertionError(f"the picture should show {asked!r}, but shows {now}")
             self.page.wait_for_timeout(20)
 
     def slider(self, number: int) -> tuple[Any, Any]:
         """Return handle and readout of a slider."""
-        row = self.box.locator(".widget-slider, .widget-hslider").nth(number)
-        return row.locator(".noUi-handle"), row.locator(".widget-readout")
+        row = self.box.locator(".widget-slider").nth(number)
+        own, beside = row.locator(".widget-readout"), row.locator("xpath=following-sibling::*")
+        return row.locator(".noUi-handle"), own if own.is_visible() else beside
+
+    def cut_off(self) -> list[str]:
+        """Return the labels and the code that do not fit into their place."""
+        parts = self.box.locator(".widget-label, .widget-button, textarea")
+        return list(
+            parts.evaluate_all(
+                "all => all.filter(one => one.scrollWidth > one.clientWidth || one.scrollHeight > one.clientHeight + 4)"
+                ".map(one => one.value || one.innerText)"
+            )
+        )
 
     def button(self, name: str) -> Any:
         """Return a button by the words on it."""

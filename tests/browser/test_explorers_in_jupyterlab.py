@@ -46,6 +46,17 @@ def asked_for(explorer, number):
     return f"{name} {value:g} {unit or ''}".strip()
 
 
+def wait_until_settled(readout, before):
+    """Return when the readout is another one than before, and stays: that of a log slider comes from the kernel."""
+    now = before
+    for _ in range(50):
+        readout.page.wait_for_timeout(200)
+        earlier, now = now, readout.inner_text()
+        if before != now == earlier:
+            return
+    raise AssertionError(f"the readout was {before} and is {now}")
+
+
 def test_key_mouse_and_reset(opened):
     page = opened.page
     first = opened.shown()
@@ -57,11 +68,10 @@ def test_key_mouse_and_reset(opened):
         handle.focus()
         page.keyboard.press("ArrowRight")
         page.keyboard.press("ArrowRight")
-        page.wait_for_timeout(50)
-        assert readout.inner_text() != before
-        opened.wait_until_shown(asked_for(opened, number))
+        wait_until_settled(readout, before)
+        opened.wait_until_shown(lambda number=number: asked_for(opened, number))
     opened.drag(0)
-    opened.wait_until_shown(asked_for(opened, 0))
+    opened.wait_until_shown(lambda: asked_for(opened, 0))
     assert opened.shown() != first
     reset = opened.button("reset")
     reset.focus()
@@ -73,6 +83,17 @@ def test_key_mouse_and_reset(opened):
         opened.box.get_by_role("alert").count() == 0
         or "did not converge" in opened.box.get_by_role("alert").inner_text()
     )
+
+
+def test_nothing_is_cut_off_and_only_numbers_can_be_typed(opened):
+    assert opened.cut_off() == []
+    for number in range(opened.box.locator(".widget-slider").count()):
+        _, readout = opened.slider(number)
+        before = readout.inner_text()
+        if readout.get_attribute("contenteditable") == "true":
+            readout.fill("banana")
+            readout.press("Enter")
+        assert readout.inner_text() == before
 
 
 def test_nonsense_in_a_field_is_said_in_the_widget(opened):

@@ -57,6 +57,7 @@ def test_a_scene_follows_its_slider(page, screenshots, index):
     scene = ExplorerPage(page, index)
     scene.picture.scroll_into_view_if_needed()
     assert scene.shown().startswith(next(iter(ORDER[index].controls.values())).label)
+    assert scene.cut_off() == []
     handle, readout = scene.slider(0)
     took = [page.evaluate(_PRESS, [handle.element_handle(), index]) for _ in range(2)]
     label = scene.box.locator(".widget-slider .widget-label").first.inner_text()

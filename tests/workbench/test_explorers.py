@@ -11,7 +11,10 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 import pytest
+from ipywidgets import interactive
 from ipywidgets.widgets.widget import _instances
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
 from PIL import Image
 
 from losbench.workbench.explorers import (
@@ -22,10 +25,14 @@ from losbench.workbench.explorers import (
     StarCameraExplorer,
     ThermalExplorer,
     base,
+    lab,
 )
+from losbench.workbench.explorers.centroid import _scene
 from losbench.workbench.explorers.controls import Choice, Field, LogSlider, Slider, numbers, whole_number
 
 EXPLORERS = [CentroidExplorer, InertialExplorer, IRLSExplorer, MonteCarloExplorer, StarCameraExplorer, ThermalExplorer]
+ALL = [*EXPLORERS, *(getattr(lab, name) for name in lab.__all__)]
+DEJAVU = FontProperties(family="DejaVu Sans")
 EXPECTED_NOTES = (
     "with two spots per solve no outlier can be identified",
     "attitudes did not converge; their last iterate is kept",
@@ -81,7 +88,7 @@ def extremes(control):
 
 
 def put(explorer, **settings):
-    explorer._preset(settings)
+    explorer._put({name: explorer.controls[name].held(value) for name, value in settings.items()})
 
 
 def test_every_extreme_of_every_control_gives_a_picture(explorer):
@@ -104,9 +111,8 @@ def test_corners_of_all_controls_at_once_give_a_picture(explorer):
 
 def test_a_picture_that_was_moved_is_the_one_drawn_from_scratch(kind, explorer):
     first = explorer.image.value
-    for preset in explorer.presets.values():
-        explorer.reset()
-        explorer._preset(preset)
+    for name, preset in explorer.presets.items():
+        explorer.preset(name)
         with contextlib.closing(kind(**preset)) as fresh:
             assert np.array_equal(pixels(fresh), pixels(explorer))
             assert fresh.numbers.value == explorer.numbers.value
@@ -123,6 +129,18 @@ def test_new_noise_is_another_picture_and_reset_the_first(explorer):
     assert explorer.image.value == first
 
 
+def test_a_preset_is_the_same_whatever_came_before(kind):
+    name, control = next((n, c) for n, c in kind.controls.items() if isinstance(c, Slider | LogSlider))
+    with contextlib.closing(kind(**{name: control.low})) as explorer:
+        for preset, values in kind.presets.items():
+            explorer.new_noise()
+            before = set(_instances)
+            explorer.preset(preset)
+            assert set(_instances) == before
+            expected = {each: control.value for each, control in kind.controls.items()} | {name: control.low} | values
+            assert explorer.settings == expected
+
+
 RESULT = {
     CentroidExplorer: lambda n: (n["found"].xy[0, 0] - n["truth"], ".2f", "error of this frame"),
     InertialExplorer: lambda n: ([np.linalg.norm(n["found"].xy - n["star"].end)], ".4f", "error, iterative, above 2 %"),
@@ -133,25 +151,29 @@ RESULT = {
 }
 
 
-def test_the_code_runs_and_gives_the_numbers_shown(kind, explorer):
-    for preset in ({}, *explorer.presets.values()):
-        explorer.reset()
-        explorer._preset(preset)
-        names = {}
-        with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
-            warnings.filterwarnings("ignore", ".*two spots per solve|.*did not converge")
-            exec(compile(explorer.copy_as_code.value, "<copied>", "exec"), names)
-        assert printed.getvalue().strip()
-        values, form, label = RESULT[kind](names)
-        unit = 1e3 if kind is CentroidExplorer else 1.0
-        shown = " · ".join(f"{unit * value:{form}}" for value in values)
-        assert label in explorer.numbers.value
-        assert shown in explorer.numbers.value
+def assert_its_code_gives_its_numbers(explorer):
+    names = {}
+    with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*two spots per solve|.*did not converge")
+        exec(compile(explorer.copy_as_code.value, "<copied>", "exec"), names)
+    assert printed.getvalue().strip()
+    values, form, label = RESULT[type(explorer)](names)
+    unit = 1e3 if isinstance(explorer, CentroidExplorer) else 1.0
+    shown = " · ".join(f"{unit * value:{form}}" for value in values)
+    assert label in explorer.numbers.value
+    assert shown in explorer.numbers.value
+
+
+def test_the_code_runs_and_gives_the_numbers_shown(explorer):
+    assert_its_code_gives_its_numbers(explorer)
+    for preset in explorer.presets:
+        explorer.preset(preset)
+        assert_its_code_gives_its_numbers(explorer)
 
 
 def test_two_spots_and_one_frame_say_why_nothing_changes():
     with contextlib.closing(IRLSExplorer()) as explorer:
-        explorer._preset(explorer.presets["as in the paper"])
+        explorer.preset("as in the paper")
         assert "no outlier can be identified" in explorer.message.value
         assert float(explorer.numbers.value.split("largest difference")[1].split("<br>")[1].split(" ")[0]) < 1e-9
         put(explorer, n_frames=10)
@@ -277,6 +299,62 @@ def test_parsers_of_fields():
         numbers(2, low=0, high=5)("links", "1, 7")
     with pytest.raises(ValueError, match=r"seed must be a whole number, got 1\.5"):
         whole_number("seed", "1.5")
+
+
+def test_a_choice_never_offers_none_which_a_list_shows_as_nothing():
+    with pytest.raises(ValueError, match="weight must not offer None, which a list shows as nothing selected"):
+        Choice("weight", {"spot": "spot", "coordinate": None}, "spot")
+    for kind in ALL:
+        with contextlib.closing(kind()) as explorer:
+            for name, control in kind.controls.items():
+                for value in control.options.values() if isinstance(control, Choice) else ():
+                    put(explorer, **{name: value})
+                    assert control.options[explorer.inputs[name].label] == value
+
+
+def test_one_weight_for_each_coordinate_is_what_the_library_calls_no_group():
+    with contextlib.closing(IRLSExplorer(group="coordinate")) as explorer:
+        assert "group=None" in explorer.copy_as_code.value
+        assert "one weight for each coordinate" in explorer.stated
+
+
+def test_a_log_slider_shows_its_value_where_nobody_can_type():
+    with contextlib.closing(LogSlider("light", 20.0, 1.0, 1000.0, "e").widget(37.3)) as made:
+        slider, readout = made.children
+        assert not slider.readout
+        assert (made.value, readout.value) == (37.3, "37.3")
+        slider.index += 1
+        assert (made.value, readout.value) == (40.0, "40")
+        made.value = 500.0
+        assert (slider.value, readout.value) == (500.0, "500")
+        assert interactive(lambda light: None, light=made).kwargs_widgets == [made]
+        slider.close()
+        readout.close()
+
+
+def test_labels_are_short_enough_for_their_place():
+    """Measured in DejaVu Sans of 13 px, wider than the fonts of most pages; the place is 195 px wide."""
+    for kind in ALL:
+        for control in kind.controls.values():
+            unit = getattr(control, "unit", "")
+            text = f"{control.label} ({unit})" if unit else control.label
+            assert TextPath((0, 0), text, size=13, prop=DEJAVU).get_extents().x1 < 192, text
+
+
+def test_a_gradient_never_goes_below_zero():
+    _, light = _scene(flux_e=1e5, read_noise_e=0.0, background_e=0.0, gradient_e=10.0, diameter_px=4.0, hot_e=0)
+    far_off = light(np.array([-500.0, -500.0]))
+    assert far_off.min() >= 0.0
+    assert np.allclose(np.diff(far_off, axis=-1), 10.0)
+    with contextlib.closing(CentroidExplorer(background_e=0.0, gradient_e=10.0)) as explorer:
+        assert_its_code_gives_its_numbers(explorer)
+
+
+def test_code_has_room_for_lines_that_wrap():
+    for kind in ALL:
+        with contextlib.closing(kind()) as explorer:
+            lines = explorer.copy_as_code.value.split("\n")
+            assert explorer.copy_as_code.rows == sum(-(-max(len(line), 1) // base._LINE) for line in lines)
 
 
 def test_a_choice_that_is_not_offered_is_named():

@@ -6,6 +6,7 @@ import base64
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from math import ceil
 from typing import Any, ClassVar
 from weakref import WeakSet
 
@@ -18,6 +19,8 @@ from losbench.workbench.explorers.controls import Control
 from losbench.workbench.explorers.picture import Picture, style
 
 __all__ = ["Explorer"]
+
+_LINE = 80  # characters of code that fit into a line of a narrow page
 
 
 class Explorer(widgets.VBox):  # type: ignore[misc]
@@ -87,6 +90,11 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         """Go back to the first settings."""
         self._put(self._begin)
 
+    def preset(self, name: str) -> None:
+        """Show a preset: the first settings, its own seed and all, with the values of the preset in their place."""
+        values = {each: self.controls[each].held(value) for each, value in self.presets[name].items()}
+        self._put(self._begin | values)
+
     def new_noise(self, *_: Any) -> None:
         """Draw other random numbers: the next seed, or 0 where the field holds none."""
         try:
@@ -120,17 +128,14 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         reset = widgets.Button(description="reset", tooltip="back to the first settings")
         reset.on_click(self.reset)
         buttons = [reset]
-        for name, values in self.presets.items():
+        for name in self.presets:
             buttons.append(widgets.Button(description=name, layout={"width": "auto"}))
-            buttons[-1].on_click(lambda _, values=values: self._preset(values))
+            buttons[-1].on_click(lambda _, name=name: self.preset(name))
         if "seed" in self.controls:
             buttons.append(widgets.Button(description="new noise", tooltip="the next seed"))
             buttons[-1].on_click(self.new_noise)
         wrap = {"flex_flow": "row wrap"}
         return widgets.VBox([widgets.Box(list(self.inputs.values()), layout=wrap), widgets.Box(buttons, layout=wrap)])
-
-    def _preset(self, values: Mapping[str, Any]) -> None:
-        self._put({name: self.controls[name].widget(value).value for name, value in values.items()})
 
     def _put(self, values: Mapping[str, Any]) -> None:
         """Set several widgets, and draw once."""
@@ -148,11 +153,13 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
             mine = set(vars(self))
             moving = self.build(figure)
             self._built = frozenset(set(vars(self)) - mine)
+            built = {axes: axes.get_ylim() for axes in figure.axes}
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 # Laid out for the defaults, wherever it begins: one setting, one picture.
                 self.update(**{name: control.value for name, control in self.controls.items()})
-        self._picture = Picture(figure, moving)
+        fixed = [axes for axes, limits in built.items() if axes.get_ylim() == limits]
+        self._picture = Picture(figure, moving, fixed=fixed)
         self._follow()
 
     def _follow(self, _change: Any = None) -> None:
@@ -172,7 +179,7 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         self.image.value = self._picture.png(self.stated)
         self.numbers.value = _readout(numbers)
         self.copy_as_code.value = code = self.code(**settings)
-        self.copy_as_code.rows = code.count("\n") + 1
+        self.copy_as_code.rows = sum(max(1, ceil(len(line) / _LINE)) for line in code.split("\n"))
 
 
 def _notes(texts: Sequence[str]) -> str:

@@ -46,8 +46,8 @@ class CentroidExplorer(Explorer):
     controls: ClassVar[dict[str, Control]] = {
         "flux_e": LogSlider("light of the spot", 4e5, 2e3, 1e6, unit="e⁻"),
         "read_noise_e": Slider("read noise", 5.0, 0.0, 100.0, 1.0, "e⁻"),
-        "background_e": Slider("background", 50.0, 0.0, 1000.0, 10.0, "e⁻/px"),
-        "gradient_e": Slider("its gradient, along x", 0.0, 0.0, 10.0, 0.1, "e⁻/px²"),
+        "background_e": Slider("background at x = 0", 50.0, 0.0, 1000.0, 10.0, "e⁻/px"),
+        "gradient_e": Slider("its gradient along x", 0.0, 0.0, 10.0, 0.1, "e⁻/px²"),
         "diameter_px": Slider("spot diameter, 4 sigma", 12.0, 4.0, 24.0, 0.5, "px"),
         "window_px": Slider("window", 19, 5, 39, 2, "px"),
         "offset_px": Slider("start off by", 2.0, 0.0, 4.0, 0.1, "px"),
@@ -88,11 +88,11 @@ class CentroidExplorer(Explorer):
             title="S-curve (mpx)", xlabel="place on the pixel (px)", xlim=(-0.5, 0.5), xticks=[-0.5, 0, 0.5]
         )
         (self._cloud,) = panels["errors"].plot([], [], ".", ms=4, color=COLOURS["sky"])
-        (self._this,) = panels["errors"].plot([], [], "o", ms=6, color=COLOURS["vermilion"])
-        (self._ellipse,) = panels["errors"].plot([], [], "--", lw=1.2, color=COLOURS["black"])
-        panels["errors"].set(
-            title=f"errors of {_FRAMES} frames (mpx)", xlabel="x", ylabel="y", aspect="equal", adjustable="box"
-        )
+        (self._this,) = panels["errors"].plot([], [], "o", ms=6, color=COLOURS["vermilion"], label="this frame")
+        (self._ellipse,) = panels["errors"].plot([], [], "--", lw=1.2, color=COLOURS["black"], label="predicted sigma")
+        panels["errors"].set(xlabel="x (mpx)", ylabel="y (mpx)", aspect="equal", adjustable="box")
+        panels["errors"].set_title(f"errors of {_FRAMES} frames")
+        panels["errors"].legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.05, -0.27))
         for axes in (panels["s_curve"], panels["errors"]):
             axes.axhline(0.0, color=COLOURS["black"], lw=0.6)
         panels["errors"].locator_params(axis="x", nbins=2)
@@ -172,9 +172,9 @@ import losbench as lb
 
 detector = lb.Detector(gain_e_per_dn={_GAIN_E}, offset_dn={_OFFSET_DN}, read_noise_e={scene["read_noise_e"]}{hot})
 truth = np.array({_TRUTH.tolist()})
-ramp = {scene["background_e"]} + {scene["gradient_e"]} * (np.arange({_SIZE}) - {(_SIZE - 1) / 2})
+ramp = {scene["background_e"]} + {scene["gradient_e"]} * np.arange({_SIZE})
 spot = lb.render_spots(truth[None], {scene["flux_e"]}, {scene["diameter_px"] / 4}, ({_SIZE}, {_SIZE}))
-frames = detector.expose(np.broadcast_to(spot + np.maximum(ramp, 0.0), ({_FRAMES}, {_SIZE}, {_SIZE})), {seed})
+frames = detector.expose(np.broadcast_to(spot + ramp, ({_FRAMES}, {_SIZE}, {_SIZE})), {seed})
 found = lb.centroid(
     frames, [{start}], window={window_px}, background={background!r}, noise=detector{options}
 )
@@ -187,7 +187,7 @@ def _scene(
     """Return the detector, and the electrons to expect of frames with the spot at the places (..., 2)."""
     hot = ((*_HOT, float(hot_e)),) if hot_e else ()
     detector = Detector(gain_e_per_dn=_GAIN_E, offset_dn=_OFFSET_DN, read_noise_e=read_noise_e, hot_pixels=hot)
-    ramp = np.maximum(background_e + gradient_e * (np.arange(_SIZE) - (_SIZE - 1) / 2), 0.0)
+    ramp = background_e + gradient_e * np.arange(_SIZE)
     return detector, lambda xy: render_spots(xy[..., None, :], flux_e, diameter_px / 4, (_SIZE, _SIZE)) + ramp
 
 

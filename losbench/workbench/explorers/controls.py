@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log10
 from typing import Any, Protocol
 
 import ipywidgets as widgets
+import traitlets
 
 from losbench.checks import integer, number
 
 __all__ = ["Choice", "Control", "Field", "LogSlider", "Slider", "numbers", "whole_number"]
 
 _ROUND = (1, 1.1, 1.2, 1.4, 1.6, 1.8, 2, 2.2, 2.5, 2.8, 3, 3.5, 4, 4.5, 5, 5.5, 6, 7, 8, 9)
-_WIDTHS = {"style": {"description_width": "195px"}, "layout": {"width": "412px"}}
+_WIDE_PX, _READOUT_PX = 412, 72
+_LABEL = {"description_width": "195px"}
+_WIDTHS = {"style": _LABEL, "layout": {"width": f"{_WIDE_PX}px"}}
 
 
 class Control(Protocol):
@@ -27,6 +30,9 @@ class Control(Protocol):
     @property
     def value(self) -> Any:
         """Its default."""
+
+    def held(self, value: Any) -> Any:
+        """Return what the widget holds for this setting, or raise ``ValueError``."""
 
     def widget(self, value: Any) -> Any:
         """Make the widget, set to ``value``."""
@@ -49,15 +55,18 @@ class Slider:
     step: float
     unit: str = ""
 
+    def held(self, value: float) -> float:
+        """Return the number, if it is within the range."""
+        number(self.label, value, low=self.low, high=self.high)
+        return value
+
     def widget(self, value: float) -> Any:
         """Make the slider."""
-        number(self.label, value, low=self.low, high=self.high)
         whole = all(isinstance(n, int) for n in (self.low, self.high, self.step))
         kind = widgets.IntSlider if whole else widgets.FloatSlider
         form = {} if whole else {"readout_format": f".{_decimals(self.step)}f"}
-        return kind(
-            value=value, min=self.low, max=self.high, step=self.step, description=_named(self), **form, **_WIDTHS
-        )
+        ends = {"min": self.low, "max": self.high, "step": self.step}
+        return kind(value=self.held(value), description=_named(self), **ends, **form, **_WIDTHS)
 
     def read(self, value: float) -> float:
         """Return the number without the rounding errors of the slider's steps."""
@@ -78,15 +87,18 @@ class LogSlider:
     high: float
     unit: str = ""
 
+    def held(self, value: float) -> float:
+        """Return the number, if it is within the range."""
+        number(self.label, value, low=self.low, high=self.high)
+        return float(value)
+
     def widget(self, value: float) -> Any:
         """Make the slider; ``value`` need not be one of the round numbers."""
-        number(self.label, value, low=self.low, high=self.high)
+        begin = self.held(value)
         decades = range(floor(log10(self.low)), ceil(log10(self.high)) + 1)
         round_numbers = {float(f"{digits}e{decade}") for decade in decades for digits in _ROUND}
-        steps = sorted({n for n in round_numbers if self.low <= n <= self.high} | {float(value)})
-        return widgets.SelectionSlider(
-            options=[(f"{n:g}", n) for n in steps], value=float(value), description=_named(self), **_WIDTHS
-        )
+        steps = sorted({n for n in round_numbers if self.low <= n <= self.high} | {begin})
+        return _Stepped(steps, begin, _named(self))
 
     def read(self, value: float) -> float:
         """Return the number."""
@@ -105,12 +117,21 @@ class Choice:
     options: Mapping[str, Any]
     value: Any
 
-    def widget(self, value: Any) -> Any:
-        """Make the drop-down list."""
+    def __post_init__(self) -> None:
+        if None in self.options.values():
+            raise ValueError(f"{self.label} must not offer None, which a list shows as nothing selected")
+
+    def held(self, value: Any) -> Any:
+        """Return what the name stands for, if it is offered."""
         if value not in self.options.values():
             offered = ", ".join(repr(option) for option in self.options.values())
             raise ValueError(f"{self.label} must be one of {offered}, got {value!r}")
-        return widgets.Dropdown(options=list(self.options.items()), value=value, description=self.label, **_WIDTHS)
+        return value
+
+    def widget(self, value: Any) -> Any:
+        """Make the drop-down list."""
+        offered = list(self.options.items())
+        return widgets.Dropdown(options=offered, value=self.held(value), description=self.label, **_WIDTHS)
 
     def read(self, value: Any) -> Any:
         """Return what the name stands for."""
@@ -130,9 +151,13 @@ class Field:
     parse: Callable[[str, str], Any]
     unit: str = ""
 
+    def held(self, value: Any) -> str:
+        """Return the text of the value."""
+        return _typed(value)
+
     def widget(self, value: Any) -> Any:
         """Make the field."""
-        return widgets.Text(value=_typed(value), continuous_update=False, description=_named(self), **_WIDTHS)
+        return widgets.Text(value=self.held(value), continuous_update=False, description=_named(self), **_WIDTHS)
 
     def read(self, value: str) -> Any:
         """Parse the text; the message of a ``ValueError`` begins with the label."""
@@ -141,6 +166,29 @@ class Field:
     def stated(self, value: Any) -> str:
         """Say label, value and unit."""
         return f"{self.label} {_typed(value)} {self.unit}".strip()
+
+
+class _Stepped(widgets.HBox, widgets.ValueWidget):  # type: ignore[misc]
+    """A slider over chosen numbers, with the present one beside it: into its own readout a reader can type anything."""
+
+    value = traitlets.Float()
+    description = traitlets.Unicode()
+
+    def __init__(self, steps: Sequence[float], value: float, description: str) -> None:
+        slider = widgets.SelectionSlider(
+            options=[(f"{n:g}", n) for n in steps],
+            value=value,
+            description=description,
+            readout=False,
+            style=_LABEL,
+            layout={"width": f"{_WIDE_PX - _READOUT_PX - 4}px"},
+        )
+        in_the_middle = {"display": "flex", "justify_content": "center"}
+        readout = widgets.Label(layout={"width": f"{_READOUT_PX}px", **in_the_middle})
+        super().__init__([slider, readout], value=value, description=description, layout={"margin": "2px"})
+        # The readout first: it need not wait for the picture that follows the value.
+        traitlets.dlink((slider, "label"), (readout, "value"))
+        traitlets.link((slider, "value"), (self, "value"))
 
 
 def whole_number(label: str, text: str) -> int:

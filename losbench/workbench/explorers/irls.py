@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _LOSSES: dict[str, type[Huber] | type[Bisquare]] = {"Huber": Huber, "Bisquare": Bisquare}
+_GROUPS: dict[str, Literal["spot"] | None] = {"spot": "spot", "coordinate": None}
 _ERROR_MM = 1e-4  # a hundredth of the paper's pixel of 10 um
 _RADIUS_MM, _FOCAL_MM = 4.6, 260.0
 _ROWS = 24_000  # of all draws together: what is solved while a slider moves
@@ -40,13 +41,20 @@ class IRLSExplorer(Explorer):
         "loss": Choice("loss", {name: name for name in _LOSSES}, "Huber"),
         "c": Slider("its constant c", 1.345, 0.2, 8.0, 0.005, "scales"),
         "scale": Choice("scale", {"known": _ERROR_MM, "mad": "mad", "std": "std", "std1": "std1", "rms": "rms"}, "mad"),
-        "group": Choice("one weight for each", {"spot": "spot", "coordinate": None}, "spot"),
+        "group": Choice("one weight for each", {name: name for name in _GROUPS}, "spot"),
         "bad_percent": Slider("bad spots", 10, 0, 50, 1, "%"),
         "bad_sigma": LogSlider("their error along x", 20.0, 1.0, 1000.0, unit="sigma"),
         "seed": Field("seed", 0, whole_number),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {
-        "as in the paper": {"n_spots": 2, "n_frames": 1, "loss": "Huber", "c": 1.345, "scale": "std", "group": None},
+        "as in the paper": {
+            "n_spots": 2,
+            "n_frames": 1,
+            "loss": "Huber",
+            "c": 1.345,
+            "scale": "std",
+            "group": "coordinate",
+        },
         "ten frames of two spots": {"n_spots": 2, "n_frames": 10},
         "no bad spots": {"bad_percent": 0},
     }
@@ -101,7 +109,7 @@ class IRLSExplorer(Explorer):
         loss: str,
         c: float,
         scale: str,
-        group: Any,
+        group: str,
         bad_percent: int,
         bad_sigma: float,
         seed: int,
@@ -111,7 +119,7 @@ class IRLSExplorer(Explorer):
         shifts, bad = _shifts(n_spots, n_frames, bad_percent / 100, bad_sigma, seed)
         least = solve_attitude(points, shifts, method="ls", stack=n_frames)
         rule = _LOSSES[loss](c)
-        robust = solve_attitude(points, shifts, loss=rule, scale=scale, group=group, stack=n_frames)
+        robust = solve_attitude(points, shifts, loss=rule, scale=scale, group=_GROUPS[group], stack=n_frames)
         one = slice(n_frames)
         residuals, size = robust.residuals[one], np.abs(robust.residuals[one])
         if group == "spot":
@@ -154,7 +162,7 @@ class IRLSExplorer(Explorer):
         wide, high = (round_up([line.get_data()[k] for line in self._ellipses]) for k in (0, 1))
         self._angles.set(xlim=(-wide, wide), ylim=(-high, 1.25 * high))
 
-    def code(self, *, n_spots: int, n_frames: int, loss: str, c: float, scale: str, group: Any, **bad: Any) -> str:
+    def code(self, *, n_spots: int, n_frames: int, loss: str, c: float, scale: str, group: str, **bad: Any) -> str:
         """Return the draws and the call of `solve_attitude`."""
         return f"""\
 import numpy as np
@@ -167,7 +175,7 @@ shifts = rng.normal(0.0, {_ERROR_MM}, ({_draws(n_spots, n_frames) * n_frames}, {
 bad = rng.random(shifts.shape[:2]) < {bad["bad_percent"] / 100}
 shifts[..., 0] += {bad["bad_sigma"] * _ERROR_MM} * bad
 fit = lb.solve_attitude(
-    points, shifts, loss=lb.{loss}({c}), scale={scale!r}, group={group!r}, stack={n_frames}
+    points, shifts, loss=lb.{loss}({c}), scale={scale!r}, group={_GROUPS[group]!r}, stack={n_frames}
 )
 print(lb.rms(fit.angles_arcsec))"""
 

@@ -30,7 +30,7 @@ class MonteCarloExplorer(Explorer):
         "precision_px": LogSlider("centroid precision", 0.1, 0.001, 1.0, unit="px"),
         "focal_mm": Slider("focal length, |z|", 475.0, 50.0, 1000.0, 5.0, "mm"),
         "pixel_um": Slider("pixel size", 4.5, 1.0, 20.0, 0.5, "µm"),
-        "separation_mm": Slider("spot separation, along x", 10.0, 0.5, 40.0, 0.5, "mm"),
+        "separation_mm": Slider("spots apart, along x", 10.0, 0.5, 40.0, 0.5, "mm"),
         "offset_mm": Slider("spot offset, along y", 75.0, 0.0, 100.0, 0.5, "mm"),
         "model": Choice("rows of A", {"paper, eq. (2)": "paper", "pinhole, exact": "pinhole"}, "paper"),
         "noise": Choice("precision is", {"three sigma, clipped": "clipped", "one sigma": "gaussian"}, "clipped"),
@@ -38,9 +38,9 @@ class MonteCarloExplorer(Explorer):
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "as in the paper": {**_PAPER, "model": "paper", "noise": "clipped"},
-        "0.5 px": {**_PAPER, "precision_px": 0.5},
-        "0.01 px": {**_PAPER, "precision_px": 0.01},
-        "spots on the axis": {**_PAPER, "offset_mm": 0.0},
+        "0.5 px": {"precision_px": 0.5},
+        "0.01 px": {"precision_px": 0.01},
+        "spots on the axis": {"offset_mm": 0.0},
     }
     size_in = (8.4, 4.0)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from functools import cache
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
@@ -42,16 +43,18 @@ class Picture:
         Complete, with the limits of its axes set.
     moving : iterable of artists
         What changes from one picture to the next. Anything else is drawn anew only when limits change.
+    fixed : collection of axes
+        Those whose y limits never change, and need room for no wider numbers than theirs.
     """
 
-    def __init__(self, figure: Figure, moving: Iterable[Artist]) -> None:
+    def __init__(self, figure: Figure, moving: Iterable[Artist], *, fixed: Collection[Axes] = ()) -> None:
         self._figure = figure
         self._canvas: Any = FigureCanvasAgg(figure)
         self._moving = sorted(moving, key=lambda artist: artist.get_zorder())
         for artist in self._moving:
             artist.set_animated(True)
         with mpl.rc_context(style()):
-            _lay_out(figure)
+            _lay_out(figure, [axes for axes in figure.axes if axes not in fixed])
         self._limits: list[Any] = []
         self._still: Any = None
 
@@ -74,19 +77,20 @@ class Picture:
         return _described(bytes(cv2.imencode(".png", pixels, coding)[1]), description)
 
 
-def _lay_out(figure: Figure) -> None:
-    """Give axes and labels their places once, with room for wide numbers.
+def _lay_out(figure: Figure, roomy: Sequence[Axes]) -> None:
+    """Give axes and labels their places once, with room for wide numbers where numbers may become wide.
 
     Axes that shift would hide what a slider does, and looking for places takes a third of a drawing.
     """
-    formatters = [axes.yaxis.get_major_formatter() for axes in figure.axes]
-    for axes in figure.axes:
+    formatters = [axes.yaxis.get_major_formatter() for axes in roomy]
+    for axes in roomy:
         axes.yaxis.set_major_formatter(_WIDEST)
     figure.set_layout_engine("constrained", rect=(0.0, 0.0, 0.98, 1.0))
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    for axes, formatter in zip(figure.axes, formatters, strict=True):
+    for axes, formatter in zip(roomy, formatters, strict=True):
         axes.yaxis.set_major_formatter(formatter)
+    for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             place = axis.label.get_transform().transform(axis.label.get_position())
             axis.set_label_coords(*axes.transAxes.inverted().transform(place))

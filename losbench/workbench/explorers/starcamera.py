@@ -32,8 +32,8 @@ class StarCameraExplorer(Explorer):
     """Two tracks two months apart: the angle between the boresights, before and after correction, and its split."""
 
     controls: ClassVar[dict[str, Control]] = {
-        "drift_1_arcsec": Slider("drift of camera 1", -0.45, -3.0, 3.0, 0.05, "″ in two months"),
-        "drift_2_arcsec": Slider("drift of camera 2", 0.65, -3.0, 3.0, 0.05, "″ in two months"),
+        "drift_1_arcsec": Slider("drift of camera 1", -0.45, -3.0, 3.0, 0.05, "″ in 58 d"),
+        "drift_2_arcsec": Slider("drift of camera 2", 0.65, -3.0, 3.0, 0.05, "″ in 58 d"),
         "lsfe_arcsec": Slider("slow error, 3 sigma", 0.2225, 0.0, 1.0, 0.0025, "″"),
         "correlation_s": LogSlider("its memory", 15.0, 2.0, 60.0, unit="s"),
         "nea_arcsec": Slider("noise, 3 sigma", 0.48, 0.0, 1.5, 0.01, "″"),

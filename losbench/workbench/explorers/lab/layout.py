@@ -29,10 +29,10 @@ class YourLayout(Explorer):
     controls: ClassVar[dict[str, Control]] = {
         "spots": Slider("spots", 8, 2, _MOST, 1),
         "arc_deg": Slider("arc that they fill", 360, 20, 360, 5, "°"),
-        "away": Slider("first spot away from the centre", 1.0, 0.0, 5.0, 0.1, "radii"),
+        "away": Slider("first spot off centre", 1.0, 0.0, 5.0, 0.1, "radii"),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {
-        "two spots": {"spots": 2, "arc_deg": 360, "away": 1.0},
+        "two spots": {"spots": 2},
         "half a ring": {"arc_deg": 180},
         "one far away": {"away": 5.0},
     }
