@@ -59,7 +59,7 @@ def shown(scene):
 
 
 def put(scene, **settings):
-    scene._preset(settings)
+    scene._put({name: scene.controls[name].held(value) for name, value in settings.items()})
     return shown(scene)
 
 
@@ -93,6 +93,13 @@ def test_a_picture_that_was_moved_is_the_one_drawn_from_scratch(kind, scene):
         assert fresh.numbers.value == scene.numbers.value
     scene.reset()
     assert scene.image.value == first
+
+
+def test_presets_do_not_pile_up(scene):
+    first = scene.settings
+    for name, values in scene.presets.items():
+        scene.preset(name)
+        assert scene.settings == first | values
 
 
 def test_a_step_takes_a_tenth_of_a_second(scene):
@@ -185,6 +192,13 @@ def test_shapes_95_percent_at_one():
         assert lesson(lab.LossShapes, loss=loss)["efficiency on normal errors"] == "95.00 %"
 
 
+def test_shapes_the_picture_names_its_loss():
+    with contextlib.closing(lab.LossShapes()) as scene:
+        for loss in ("Bisquare", "Hampel"):
+            put(scene, loss=loss, factor=1.2)
+            assert scene._name.get_text() == f"{loss}, {shown(scene)['constant']}"
+
+
 def test_breakdown_mm_survives_nine_of_twenty():
     numbers = lesson(lab.BreakdownMeter, off=100.0)
     assert numbers["least squares survives"] == "0 of 20"
@@ -232,3 +246,13 @@ def test_acts_the_last_keeps_the_scale_and_gains_precision():
     assert error[1] < error[0]
     weight = [float(NUMBER.search(text["weight of all good points"]).group()) for text in (first, last)]
     assert weight[1] > weight[0] + 0.05
+
+
+def test_acts_bad_points_stay_in_sight_however_bad():
+    with contextlib.closing(lab.MMActs(level=20.0, bad=10)) as scene:
+        for marks in (scene._bad, scene._bad_weights):
+            for values, (low, high) in zip(
+                marks.get_data(), (marks.axes.get_xlim(), marks.axes.get_ylim()), strict=True
+            ):
+                assert len(values) == 10
+                assert all(low < value < high for value in values)

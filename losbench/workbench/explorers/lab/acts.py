@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 _COUNT = 20
 _S_EFFICIENCY = 0.2868  # of the bisquare whose scale survives one half, c = 1.5476
 _ENDS = np.array([-1.0, 20.0])
+_REACH = 12.0
 
 
 class MMActs(Explorer):
@@ -54,7 +55,12 @@ class MMActs(Explorer):
         (self._curve,) = right.plot([], [], color=COLOURS["black"], lw=1.0)
         (self._good_weights,) = right.plot([], [], "o", ms=5, color=COLOURS["blue"], label="good")
         (self._bad_weights,) = right.plot([], [], "x", ms=7, mew=1.6, color=COLOURS["vermilion"], label="bad")
-        right.set(xlim=(-12, 12), ylim=(-0.03, 1.05), xlabel="residual / scale", title="weights")
+        right.set(
+            xlim=(-1.05 * _REACH, 1.05 * _REACH),
+            ylim=(-0.03, 1.05),
+            xlabel="residual / scale (beyond 12: on the edge)",
+            title="weights",
+        )
         right.legend(fontsize=8, loc="upper right")
         return [
             self._candidates,
@@ -83,10 +89,10 @@ class MMActs(Explorer):
         self._points.set_data(x[~lifted], y[~lifted])
         self._bad.set_data(x[lifted], y[lifted])
         self._line.set_data(_ENDS, middle)
-        u = np.linspace(-12.0, 12.0, 241)
+        u = np.linspace(-_REACH, _REACH, 241)
         c = 4.685 if act == 3 else 1.5476
         self._curve.set_data(u, np.maximum(1.0 - (u / c) ** 2, 0.0) ** 2)
-        scaled = np.clip(fit.residuals / fit.scale, -11.8, 11.8)
+        scaled = np.clip(fit.residuals / fit.scale, -_REACH, _REACH)
         self._good_weights.set_data(scaled[~lifted], fit.weights[~lifted])
         self._bad_weights.set_data(scaled[lifted], fit.weights[lifted])
         return {

@@ -1,4 +1,4 @@
-"""Scene 1: drag a point, and see which line follows."""
+"""Scene 1: move a point, and see which line follows."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from matplotlib.figure import Figure
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
-from losbench.workbench.explorers.lab.sample import HEAD, all_fits, design, line, lines
+from losbench.workbench.explorers.lab.sample import HEAD, TRUTH, all_fits, design, line, lines
 
 __all__ = ["DragPoint"]
 
 _COUNT = 12
 _METHODS = ("least squares", "Huber", "MM")
-_HEIGHTS = np.linspace(-25.0, 25.0, 51)
+_HEIGHTS = np.linspace(-25.0, 25.0, 101)
+_NEAR = 0.1
 
 
 class DragPoint(Explorer):
-    """Eleven points on a line and one that can be dragged: three fits, and what each makes of every height."""
+    """Eleven points on a line and one that can be moved: three fits, and what each makes of every height."""
 
     controls: ClassVar[dict[str, Control]] = {
         "height": Slider("height of the point", 16.0, -25.0, 25.0, 0.5),
@@ -35,18 +36,24 @@ class DragPoint(Explorer):
     }
 
     def build(self, figure: Figure) -> Sequence[Artist]:
-        """Draw the points with their lines, and the slope over the height of the point."""
-        left, right = figure.subplots(1, 2)
+        """Draw the points with their lines, and the slope over the height of the point, whole and near the truth."""
+        panels = figure.subplot_mosaic([["data", "whole"], ["data", "near"]])
+        left, whole, near = panels.values()
         (self._points,) = left.plot([], [], "o", ms=4, color=COLOURS["black"])
         (self._point,) = left.plot([], [], "o", ms=9, color=COLOURS["vermilion"])
         self._lines = lines(left, _METHODS)
-        left.set(xlim=(-1, 21), ylim=(-26, 26), xlabel="x", ylabel="y", title="drag the red point")
+        left.set(xlim=(-1, 21), ylim=(-26, 26), xlabel="x", ylabel="y", title="move the big point")
         left.legend(fontsize=8, loc="lower left")
-        self._curves = lines(right, _METHODS, label=False)
-        self._here = right.axvline(0.0, color=COLOURS["vermilion"], lw=1.0)
-        right.axhline(0.5, color=COLOURS["black"], lw=0.7)
-        right.set(xlim=(-25, 25), ylim=(-1.5, 2.5), xlabel="height of the point", title="slope (truth 0.5)")
-        return [self._points, *self._lines.values(), self._point, *self._curves.values(), self._here]
+        self._curves = [lines(axes, _METHODS, label=False) for axes in (whole, near)]
+        self._here = [axes.axvline(0.0, color=COLOURS["vermilion"], lw=1.0) for axes in (whole, near)]
+        for axes in (whole, near):
+            axes.axhline(TRUTH[1], color=COLOURS["black"], lw=0.7)
+            axes.set_xlim(-25, 25)
+        whole.tick_params(labelbottom=False)
+        whole.set(ylim=(-1.5, 2.5), title=f"slope (truth {TRUTH[1]})")
+        near.set(ylim=(TRUTH[1] - _NEAR, TRUTH[1] + _NEAR), xlabel="height of the point", title="near the truth")
+        curves = [curve for both in self._curves for curve in both.values()]
+        return [self._points, *self._lines.values(), self._point, *curves, *self._here]
 
     def update(self, *, height: float, place: float, seed: int) -> Mapping[str, str]:
         """Fit with the point at every height, and at this one."""
@@ -60,8 +67,10 @@ class DragPoint(Explorer):
         ends = np.array([-1.0, 21.0])
         for name, fit in fits.items():
             self._lines[name].set_data(ends, fit.x[-1, 0] + fit.x[-1, 1] * ends)
-            self._curves[name].set_data(_HEIGHTS, fit.x[:-1, 1])
-        self._here.set_xdata([height] * 2)
+            for curves in self._curves:
+                curves[name].set_data(_HEIGHTS, fit.x[:-1, 1])
+        for mark in self._here:
+            mark.set_xdata([height] * 2)
         texts = {f"slope, {name}": f"{fit.x[-1, 1]:.3f}" for name, fit in fits.items()}
         return texts | {f"its weight, {name}": f"{fits[name].weights[-1, -1]:.3f}" for name in _METHODS[1:]}
 

@@ -20,9 +20,9 @@ Floats = NDArray[np.float64]
 
 TRUTH = np.array([1.0, 0.5])
 ERROR = 0.3
-_LOOKS = {
+_LOOKS: dict[str, dict[str, Any]] = {
     "least squares": {"color": COLOURS["orange"], "ls": "--"},
-    "Huber": {"color": COLOURS["blue"], "ls": "-"},
+    "Huber": {"color": COLOURS["blue"], "ls": "-", "zorder": 1.9},  # under the broken ones: they often coincide
     "LTS": {"color": COLOURS["purple"], "ls": ":"},
     "MM": {"color": COLOURS["green"], "ls": "-."},
 }

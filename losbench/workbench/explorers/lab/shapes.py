@@ -33,7 +33,7 @@ class LossShapes(Explorer):
         "factor": Slider("constant, in that of 95 %", 1.0, 0.2, 2.0, 0.02),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {"nearly the median": {"loss": "Huber", "factor": 0.2}}
-    size_in = (8.4, 2.9)
+    size_in = (8.4, 3.1)
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw four panels."""
@@ -48,7 +48,8 @@ class LossShapes(Explorer):
         (self._cost,) = panels[3].plot([], [], color=COLOURS["black"])
         (self._here,) = panels[3].plot([], [], "o", color=COLOURS["vermilion"], ms=7)
         panels[3].set(title="efficiency (%)", xlabel="constant", xlim=(0.15, 2.05), ylim=(0, 102))
-        return [*self._curves, self._cost, self._here]
+        self._name = figure.suptitle(" ", fontsize=10)
+        return [*self._curves, self._cost, self._here, self._name]
 
     def update(self, *, loss: str, factor: float) -> Mapping[str, str]:
         """Draw the loss with this constant."""
@@ -57,9 +58,11 @@ class LossShapes(Explorer):
             line.set_data(_U, values)
         self._cost.set_data(_FACTORS, 100.0 * _efficiencies(loss))
         kept = efficiency(chosen)
+        constants = ", ".join(f"{name} = {value:.4g}" for name, value in vars(chosen).items())
+        self._name.set_text(f"{loss}, {constants}")
         self._here.set_data([factor], [100.0 * kept])
         return {
-            "constant": ", ".join(f"{value:.4g}" for value in vars(chosen).values()),
+            "constant": constants,
             "efficiency on normal errors": f"{100.0 * kept:.2f} %",
             "most that one bad value can do": f"{gross_error_sensitivity(chosen):.3f} scales / n",
         }
