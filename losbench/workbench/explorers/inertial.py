@@ -38,7 +38,7 @@ class InertialExplorer(Explorer):
         "rate_deg_s": Slider("largest rate", 3.0, 0.0, 5.0, 0.1, "°/s"),
         "frequency_hz": Slider("frequency", 20.0, 1.0, 100.0, 1.0, "Hz"),
         "phase_deg": Slider("phase", 0, 0, 355, 5, "°"),
-        "ellipse": Slider("second axis, share of it", 0.5, -1.0, 1.0, 0.1),
+        "ellipse": Slider("second axis over the first", 0.5, -1.0, 1.0, 0.1),
         "sigma_px": Slider("sigma of the spot", 0.45, 0.1, 1.5, 0.05, "px"),
         "gyro_rate_hz": Choice(
             "gyro rate", {"80 Hz": 80.0, "200 Hz": 200.0, "400 Hz": 400.0, "1000 Hz": 1000.0}, 200.0
