@@ -170,9 +170,10 @@ def split_error(series: ArrayLike, *, window: int = 5, unbiased: bool = False, s
     -----
     A slow error of long memory has few independent values in a record, which biases and blurs its variance:
     `losbench.estimation.memory.variance_sampling` says by how much, and ``unbiased`` puts back the bias. Below some
-    five memory lengths per record even that falls short. ``lsfe_sigma`` is taken from the same record, and is small
-    where the LSFE came out small: over 100 tracks of 20 memory lengths (ren2023's, 300 s and 15 s) the LSFE scattered
-    1.28 times as far as it says.
+    five memory lengths per record even that falls short. ``lsfe_sigma`` is taken from the same record: right on
+    average, but too small where the LSFE came out small. Over 1000 records of 2400 samples and a slow error correlated
+    as exp(-k^2 / (2 120^2)), (LSFE - truth) / ``lsfe_sigma`` has a standard deviation of 1.2, and two sigma hold the
+    truth in 90 % of records.
 
     Examples
     --------

@@ -16,6 +16,7 @@ __all__ = ["change_notes", "clock_notes", "head_notes", "slow_notes"]
 
 _WORST_CONDITION = 1000.0  # two spots 7 arcmin apart
 _FAR_FROM_ONE = 2.0  # scatter of the spots over what was said of it, or its inverse
+_ENOUGH = 20  # rows with all spots, to judge that scatter
 _SLOW = 3.0  # LSFE over NEA: distortion of the optics stays below one
 _BEYOND = 3.0  # standard errors by which a correction must make things worse
 _CLEAR_OFFSET = 10.0  # stated sigmas of a time offset; slow errors alone reach four
@@ -33,13 +34,13 @@ def head_notes(pair: CorrectedPair, *, sigma_mm: float | None, smooth_s: float |
         )
         if fit.condition > _WORST_CONDITION:
             lines.append(f"{head}: the spots stand so near to each other that z is lost; is spot_unit right?")
-        if sigma_mm is not None:
+        if sigma_mm is not None and np.isfinite(fit.residuals[..., 0]).all(axis=1).sum() >= _ENOUGH:
             lines.append(_scatter_note(head, _residual_rms(fit) / sigma_mm))
-        dark = np.isnan(fit.delta).any(axis=1)
+        lost = int(np.isnan(fit.delta).any(axis=1).sum())
         left = int(np.isnan(pair.drift[k]).any(axis=1).sum())
-        if dark.any():
+        if lost:
             lines.append(
-                f"{head}: {dark.sum()} of {len(dark)} rows give no drift of their own: {dark.sum() - left} are "
+                f"{head}: {lost} of {len(fit.delta)} rows give no drift of their own: {lost - left} are "
                 f"interpolated over up to {max_gap_s:g} s (max_gap_s), {left} stay missing."
             )
     if smooth_s is not None:

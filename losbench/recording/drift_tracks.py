@@ -81,8 +81,8 @@ def short_notes(tracks: pd.DataFrame, window: int) -> list[str]:
 
 def _track_line(row: pd.Series) -> str:
     line = (
-        f"track {row['track']} at {row['start']}: angle {_said(row['mean_before'])} arcsec from design, corrected "
-        f"{_said(row['mean_after'])} ({row['samples'] - row['missing']} angles); "
+        f"track {row['track']} at {row['start']}: angle {_said(row['mean_before'], '+.3f', ' arcsec from design')}, "
+        f"corrected {_said(row['mean_after'])} ({row['samples'] - row['missing']} angles); "
     )
     if np.isnan(row["total_before"]):
         return line + "no split"
@@ -105,8 +105,8 @@ def _change_line(tracks: pd.DataFrame) -> list[str]:
     return [f"track {first['track']} to {last['track']}: angle changed by {raw} arcsec, corrected {corrected}"]
 
 
-def _said(value: float, form: str = "+.3f") -> str:
-    return "missing" if np.isnan(value) else format(value, form)
+def _said(value: float, form: str = "+.3f", unit: str = "") -> str:
+    return "missing" if np.isnan(value) else format(value, form) + unit
 
 
 def _instant(start: np.datetime64 | None, seconds: float) -> str:

@@ -117,20 +117,19 @@ class _Head:
 
 def _head(table: pd.DataFrame, form: TelemetryFormat, k: int, time_s: Floats, file: str, notes: list[str]) -> _Head:
     """Read and check head ``k``, leaving out the rows without its time; what is noticed goes to ``notes``."""
-    columns, who = (form.head_1, form.head_2)[k], f"Head {k + 1}"
+    columns, clock = (form.head_1, form.head_2)[k], form.clocks[min(k, len(form.clocks) - 1)]
     quaternions = _columns(table, columns.quaternion, file)
     quaternions = np.where(np.isfinite(quaternions).all(axis=1, keepdims=True), quaternions, np.nan)
     spots = _columns(table, [c for xy in columns.spots for c in xy], file)
     timed = np.isfinite(time_s)
     lost = np.count_nonzero(~timed & np.isfinite(np.concatenate([quaternions, spots], axis=1)).any(axis=1))
     if lost:
-        clock = form.clocks[min(k, len(form.clocks) - 1)]
         notes.append(f"{lost} of {len(table)} rows have no {clock} and are left out.")
     t, quaternions, spots, rows = time_s[timed], quaternions[timed], spots[timed], np.flatnonzero(timed) + 1
-    _check_order(t, f"{file}: column {form.clocks[min(k, len(form.clocks) - 1)]!r}", rows)
+    _check_order(t, f"{file}: column {clock!r}", rows)
     _check_head(quaternions, spots, f"{file}: head {k + 1}", rows)
     position, reference = _near(spots.reshape(len(t), -1, 2), t, rows, form, k, notes)
-    notes += _remarks(who, t, quaternions, position)
+    notes += _remarks(f"Head {k + 1}", t, quaternions, position)
     flat_mm = (reference - np.array(form.principal)) * form.unit_mm
     points = np.concatenate([flat_mm, np.full_like(flat_mm[:, :1], form.focal_mm)], axis=1)
     return _Head(t, quaternions, (position - reference) * form.unit_mm, points)
@@ -157,9 +156,9 @@ def _near(
             )
         if far[:, spot].any():
             notes.append(
-                f"Head {k + 1}: {np.count_nonzero(far[:, spot])} positions of spot {spot + 1} lie more than "
-                f"{farthest:.3g} {form.spot_unit} from its reference, farther than any drift, and are left out; "
-                f"the first is in row {rows[np.argmax(far[:, spot])]}."
+                f"Head {k + 1}: in {np.count_nonzero(far[:, spot])} of {len(rows)} rows spot {spot + 1} lies more than "
+                f"{farthest:.3g} {form.spot_unit} from its reference, farther than any drift, and is left out there; "
+                f"the first is row {rows[np.argmax(far[:, spot])]}."
             )
     kept = np.where(far[..., None], np.nan, position)
     return kept, np.array(given) if given else np.nanmean(kept[first_track], axis=0)

@@ -63,6 +63,15 @@ def test_unbiased_forms_recover_truth_within_their_uncertainty_where_the_papers_
     assert np.sqrt(np.mean(paper.lsfe**2)) / 3.0 == pytest.approx(leak, rel=0.07)
 
 
+def test_the_uncertainty_of_lsfe_is_right_on_average_and_small_where_the_lsfe_is():
+    fair = split_error(slow_and_white(20230329, 2400, 120, 500), unbiased=True)
+    assert np.sqrt(np.mean((fair.lsfe - 3.0) ** 2)) == pytest.approx(np.mean(fair.lsfe_sigma), rel=0.15)
+    assert np.corrcoef(fair.lsfe, fair.lsfe_sigma)[0, 1] > 0.5
+    score = (fair.lsfe - 3.0) / fair.lsfe_sigma
+    assert 1.0 < np.std(score) < 1.4
+    assert 0.86 < np.mean(np.abs(score) < 2) < 0.94
+
+
 def test_residuals_restored_give_the_noise_of_the_differences():
     series = slow_and_white(3, 9600, 120, 20)
     fair = lb.nea(series, method="residual", unbiased=True)

@@ -140,6 +140,14 @@ def test_a_wrong_convention_is_caught_by_the_design_angle(true, believed):
     assert f"first camera {true}; second camera {true}" in str(caught.value)
 
 
+def test_the_design_angle_is_that_of_the_boresights_named():
+    a, b = (stored(pitch(30, 50) * head, LAST) for head in HEADS)
+    check_design(a, b, convention=LAST, angle_deg=70.0, boresight=[0.0, 1.0, 0.0])  # the heads differ by a turn about x
+    check_design(a, b, convention=LAST, angle_deg=0.0, boresight=[1.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="must stand 70 deg apart"):
+        check_design(a, b, convention=LAST, angle_deg=70.0, boresight=[1.0, 0.0, 0.0])
+
+
 def test_heads_of_different_conventions_are_told_apart():
     turn = pitch(30, 50) * Rotation.from_rotvec([0.3, 0.2, 0.7])
     other = QuaternionConvention(scalar="first", direction="inertial_to_camera")
