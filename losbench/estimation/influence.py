@@ -153,7 +153,7 @@ def sensitivity_curve(estimate: Callable[[Floats], ArrayLike], sample: ArrayLike
     Parameters
     ----------
     estimate : callable
-        From observations (k, n) to estimates (k,), e.g. ``lambda y: np.median(y, axis=-1)``.
+        From observations (k, n) to estimates (k,), along axis=-1: ``lambda y: np.median(y, axis=-1)``.
     sample : (n,) array
         Observations so far.
     at : (k,) array
@@ -163,6 +163,11 @@ def sensitivity_curve(estimate: Callable[[Floats], ArrayLike], sample: ArrayLike
     -------
     (k,) array
         (n + 1) times the change of the estimate (Tukey 1970).
+
+    Raises
+    ------
+    ValueError
+        If a value is NaN or infinite, or ``estimate`` does not return one number for each sample.
 
     Examples
     --------
@@ -174,8 +179,13 @@ def sensitivity_curve(estimate: Callable[[Floats], ArrayLike], sample: ArrayLike
     """
     base, more = finite("sample", sample, ndim=1), finite("at", at, ndim=1)
     joined = np.concatenate([np.broadcast_to(base, (len(more), len(base))), more[:, None]], axis=1)
-    change = np.asarray(estimate(joined)) - np.asarray(estimate(base[None]))
-    return np.asarray(len(joined[0]) * change, dtype=np.float64)
+    after, before = np.asarray(estimate(joined)), np.asarray(estimate(base[None]))
+    if after.shape != (len(more),) or before.shape != (1,):
+        raise ValueError(
+            "estimate must work along axis=-1 and return one number for each sample, "
+            f"shape {(len(more),)} for samples {joined.shape}, got {after.shape}"
+        )
+    return np.asarray(len(joined[0]) * (after - before), dtype=np.float64)
 
 
 def normal_mean(function: Callable[[Floats], Floats], *, rows: int = 1, corners: tuple[float, ...] = ()) -> float:

@@ -44,6 +44,48 @@ def test_a_line_through_equal_abscissae_is_fixed_by_the_few_others():
     np.testing.assert_allclose(design[:7] @ found.direction, 0.0, atol=1e-9)
 
 
+def pulls(design, group, direction):
+    return np.sqrt(np.bincount(group, (design @ direction) ** 2))
+
+
+def lumpy(seed):
+    rng = np.random.default_rng(seed)
+    p = int(rng.choice([4, 5, 6, 6]))
+    m = int(rng.integers(p + 3, 16))
+    return rng.standard_normal((2 * m, p)) * np.exp(0.4 * rng.standard_normal((2 * m, 1))), np.arange(2 * m) // 2
+
+
+@pytest.mark.parametrize("seed", [3, 43, 179, 236])
+def test_no_other_climb_finds_a_worse_direction(seed):
+    from scipy.optimize import minimize
+
+    design, spot = lumpy(seed)
+    found = lb.design_breakdown(design, group=spot)
+    assert (np.diff(found.shares) >= 0.0).all()
+    basis = np.linalg.qr(design)[0]
+    tries = np.random.default_rng(seed).standard_normal((4000, basis.shape[1]))
+    for k in (1, 2, 3):
+
+        def missing(direction, k=k):
+            size = np.sort(pulls(basis, spot, direction))
+            return -size[-k:].sum() / size.sum()
+
+        for start in sorted(tries, key=missing)[:3]:
+            best = minimize(missing, start, method="Nelder-Mead", options={"maxiter": 2000, "fatol": 1e-12})
+            assert -best.fun <= found.shares[k] + 1e-6
+
+
+@pytest.mark.parametrize("seed", [1, 2, 43])
+def test_the_direction_does_what_is_said_of_it(seed):
+    design, spot = lumpy(seed)
+    for group in (spot, np.arange(len(design))):
+        found = lb.design_breakdown(design, group=group)
+        k = found.monotone + 1
+        size = np.sort(pulls(design, group, found.direction))
+        assert size[-k:].sum() / size.sum() == pytest.approx(found.shares[k], abs=1e-9)
+        assert found.shares[k - 1] < 0.5 <= found.shares[k] + 1e-9
+
+
 @pytest.mark.parametrize("count", [6, 8])
 def test_huber_breaks_where_the_design_says(count):
     """Bad spots that pull where the design is weakest: survived up to `monotone`, and not one more."""
@@ -86,3 +128,7 @@ def test_a_matrix_is_asked_for():
         lb.design_breakdown([1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match="A must have at least as many rows as columns, got 1 rows and 2 columns"):
         lb.design_breakdown([[1.0, 2.0]])
+    with pytest.raises(ValueError, match="A must determine all 2 unknowns, got a matrix of rank 1"):
+        lb.design_breakdown(np.ones((6, 2)))
+    with pytest.raises(ValueError, match="A must determine all 2 unknowns, got a matrix of rank 0"):
+        lb.design_breakdown(np.zeros((4, 2)))

@@ -99,6 +99,15 @@ def test_the_median_has_a_step_and_the_mean_no_bound():
     np.testing.assert_allclose(mean, [-9.0, 9.0, 1e9], rtol=1e-9)
 
 
+def test_a_sensitivity_curve_asks_for_one_number_for_each_sample():
+    message = (
+        r"estimate must work along axis=-1 and return one number for each sample, shape \(3,\) for samples \(3, 5\)"
+    )
+    for estimate in (np.median, lambda y: np.median(y, axis=0), lambda y: y):
+        with pytest.raises(ValueError, match=message):
+            lb.sensitivity_curve(estimate, [1.0, 2.0, 4.0, 7.0], [-6.0, 0.0, 60.0])
+
+
 def test_gross_error_sensitivities():
     c = 1.345
     assert lb.gross_error_sensitivity(lb.Huber(c)) == pytest.approx(c / (2 * norm.cdf(c) - 1), rel=1e-9)
