@@ -82,7 +82,8 @@ def design_breakdown(A: ArrayLike, *, group: ArrayLike | None = None) -> DesignB
     For single rows, of which at most 20 000 subsets of p - 1 exist, both numbers are exact: the worst direction then
     leaves p - 1 rows untouched, and all of those are tried. Otherwise they are the result of a search, which may miss
     the worst direction and so claim too much, never too little: of shares by climbs from the best of many directions
-    (to six digits, where another method was tried), of N among the directions that a few units, drawn at random where they are many, leave free.
+    (to six digits, where another method was tried), of N among the directions that a few units, drawn at random where
+    they are many, leave free.
 
     Examples
     --------

@@ -96,7 +96,8 @@ def track_attitude(
     model : "pinhole" or "paper"
         Rows of the design matrix, see `design_matrix`.
     method : "mm", "lts", "irls" or "ls"
-        How the window is solved, with one weight for x and y of a spot in a frame.
+        How the window is solved, with one weight for x and y of a spot in a frame. The first two survive most; with a
+        window of 9 frames of two spots, "mm" takes some 15 ms a frame and "lts" 10, "irls" 0.1.
     sigma : float, unit of ``points``, optional
         Standard deviation of a shift, if known.
 

@@ -193,6 +193,13 @@ def test_stacked_frames_are_one_system_and_left_over_frames_a_shorter_one():
         np.testing.assert_allclose(stacked.weights[frames].ravel()[seen], direct.weights, rtol=1e-7)
 
 
+def test_least_squares_takes_a_known_scale_for_its_covariance():
+    shifts = 1e-3 * np.random.default_rng(4).standard_normal((5, 6, 2))
+    one, two = (lb.solve_attitude(SPOTS, shifts, method="ls", scale=scale) for scale in (1e-3, 2e-3))
+    np.testing.assert_allclose(two.cov, 4.0 * one.cov)
+    np.testing.assert_allclose(one.cov, lb.solve_attitude(SPOTS, shifts, method="ls", sigma=1e-3).cov, rtol=1e-9)
+
+
 def test_stacked_least_squares_is_the_mean_of_its_frames():
     shifts = noisy_frames(20, seed=8).reshape(2, 10, 6, 2)
     single, stacked = (lb.solve_attitude(SPOTS, shifts, stack=k, method="ls", sigma=SIGMA_MM) for k in (1, 5))
@@ -418,6 +425,12 @@ def test_a_limit_on_iterations_is_reported_once():
         (SPOTS, np.zeros((6, 2)), {"sigma": 0.0}, "sigma must be positive wherever a shift is given"),
         (SPOTS, np.zeros((6, 2)), {"sigma": np.ones(6)}, r"sigma must broadcast to shape \(6, 2\), got \(6,\)"),
         (SPOTS, np.zeros((6, 2)), {"scale": [1.0, 2.0]}, "scale must be a number"),
+        *(
+            (SPOTS, np.zeros((6, 2)), {"method": method, "scale": 0}, "scale must be positive, got 0")
+            for method in ("irls", "ls", "lts", "mm")
+        ),
+        (SPOTS, np.zeros((6, 2)), {"scale": True}, "scale must be a number, got True"),
+        (SPOTS, np.zeros((6, 2)), {"method": "ls", "scale": "mad"}, "scale must be a number, got 'mad'"),
     ],
 )
 def test_bad_input_is_named(points, shifts, options, message):

@@ -64,7 +64,7 @@ def solve_attitude(
     loss : loss object
         For "irls".
     scale : str, float or callable, optional
-        For "irls", as `irls` takes it; a number for "lts" and "mm". Unless given, "mad" (or the method's own), or the
+        For "irls", as `irls` takes it; a number for the others. Unless given, "mad" (or the method's own), or the
         known scale where ``sigma`` is given.
     sigma : float or array that broadcasts to ``shifts``, unit of ``shifts``, optional
         Standard deviation of each shift. Weighs the rows, makes the covariance absolute and p_value known.
@@ -201,10 +201,10 @@ class _Recipe:
         )
 
     def _fit(self, matrix: Floats, right: Floats) -> RobustFit:
-        if self.method == "ls":
-            return lstsq(matrix, right, scale=1.0 if self.known else None)
-        group = _spot_labels(right.shape[1]) if self.by_spot else None
         known: Any = self.scale
+        if self.method == "ls":
+            return lstsq(matrix, right, scale=known)
+        group = _spot_labels(right.shape[1]) if self.by_spot else None
         if self.method == "lts":
             return lts(matrix, right, group=group, scale=known)
         if self.method == "mm":
