@@ -75,7 +75,7 @@ def estimate(
     the start included.
     """
     if width is not None:
-        return _of_template(signal[:, 1:-1, 1:-1], start, width, noise, how)
+        return _of_template(np.ascontiguousarray(signal[:, 1:-1, 1:-1]), start, width, noise, how)
     if how.method == "grey":
         return _of_window(signal, grey(signal, np.zeros_like(start), how.window), noise, how)
     size, most = how.tolerance, how.max_iter

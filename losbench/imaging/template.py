@@ -85,7 +85,7 @@ def weighted(
     count = len(pixels)
     centre, flux = start.copy(), pixels.sum(axis=(1, 2), dtype=np.float64)
     n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-    variance, held = np.full((count, 3), np.nan), np.full((2, count), np.nan)
+    variance = np.full((count, 3), np.nan)
     moving = np.arange(count)
     for _ in range(max_iter):
         some = slice(None) if moving.size == count else moving
@@ -94,7 +94,6 @@ def weighted(
         step = _step(solved.values)
         centre[some] += step
         flux[some], variance[some] = solved.values[:, 0], solved.variance
-        held[:, some] = light(columns[:, 0].reshape(-1, *pixels.shape[1:]))
         n_iter[some] += 1
         converged[some] = done = np.hypot(step[:, 0], step[:, 1]) < tolerance
         within = (np.abs(centre[some]) <= 1.0).all(axis=1)
@@ -103,7 +102,8 @@ def weighted(
             break
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = np.sqrt(variance[:, 1:]) / np.where(flux > 0, flux, np.nan)[:, None]
-    return TemplateFit(centre, sigma, flux, np.sqrt(variance[:, 0]), held * flux, n_iter, converged & (flux > 0))
+    held = flux * _share(centre, width, pixels.shape[1])
+    return TemplateFit(centre, sigma, flux, np.sqrt(variance[:, 0]), held, n_iter, converged & (flux > 0))
 
 
 def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, max_iter: int) -> TemplateFit:
@@ -123,7 +123,7 @@ def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *,
         With the sandwich error: what pixels of this variance do to a fit that weights them alike.
     """
     count = len(pixels)
-    values, variance, held = np.full((count, 5), np.nan), np.full((count, 3), np.nan), np.full((2, count), np.nan)
+    values, variance = np.full((count, 5), np.nan), np.full((count, 3), np.nan)
     n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     for k in range(count):
         data = pixels[k].astype(np.float64)
@@ -138,9 +138,9 @@ def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *,
         spread = pull**2 @ of_pixels + (pull @ _plane_basis(len(data)).T) ** 2 @ (noise.plane[k] / unit**2)
         values[k], variance[k], n_iter[k] = fit.x, spread[:3], fit.nfev
         values[k, 0], variance[k, 0] = unit * fit.x[0], unit**2 * spread[0]
-        held[:, k] = unit * light(model.reshape(1, *data.shape))[:, 0]
         converged[k] = fit.success and fit.x[0] > 0
     sigma = np.sqrt(variance)
+    held = values[:, 0] * _share(values[:, 1:3], np.exp(values[:, 3:]), pixels.shape[1])
     return TemplateFit(values[:, 1:3], sigma[:, 1:], values[:, 0], sigma[:, 0], held, n_iter, converged)
 
 
@@ -187,6 +187,12 @@ def light(pixels: Pixels) -> Floats:
     side = pixels.shape[1]
     middle = slice(side // 4, side - side // 4)
     return np.stack([each.sum(axis=(1, 2), dtype=np.float64) for each in (pixels, pixels[:, middle, middle])])
+
+
+def _share(centre: Floats, width: Floats, side: int) -> Floats:
+    """Part of a template's light that `light` sees of it, (2, M)."""
+    halves = np.array([side / 2, side / 2 - side // 4])[:, None, None]
+    return np.prod(ndtr((halves - centre) / width) - ndtr((-halves - centre) / width), axis=2)
 
 
 @dataclass(frozen=True)

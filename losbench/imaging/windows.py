@@ -142,7 +142,7 @@ def pixel_noise(stamps: Stamps, level: Floats, how: Choices) -> PixelNoise:
     """Variance of the pixels on that background, from the detector or else from the ring."""
     if how.noise is None:
         # Frames without any noise are known to their last digit, not to nothing.
-        digit = np.finfo(stamps.raw.dtype).eps * np.abs(np.nan_to_num(stamps.raw)).max(axis=(1, 2)).astype(np.float64)
+        digit = 0.0 if how.rounding else np.finfo(stamps.raw.dtype).eps * np.abs(_peak(stamps))
         floor, per_dn = np.maximum(stamps.plane.scatter**2, how.rounding + digit**2), 0.0
     else:
         floor, per_dn = how.noise.variance_dn(level), 1.0 / how.noise.gain_e_per_dn
@@ -189,14 +189,20 @@ def _judge(
     return Measured(xy, np.where(np.isnan(xy), np.nan, fit.sigma), fit.flux, level, fit.n_iter.copy(), flags)
 
 
+def _peak(stamps: Stamps) -> Floats:
+    """Highest reading of each stamp, of the pixels that were read."""
+    pixels = stamps.raw.reshape(len(stamps.raw), -1)
+    top = pixels.max(axis=1) if stamps.missing is None else np.nan_to_num(pixels).max(axis=1)
+    return top.astype(np.float64)
+
+
 def _leaks(stamps: Stamps, level: Floats, how: Choices) -> NDArray[np.bool_]:
     """The ring grows brighter towards the spot: surely, and by more than a hundredth of the spot's peak."""
     if how.background != "ring":
         return np.zeros(len(level), dtype=bool)
     excess, error = stamps.plane.excess, stamps.plane.excess_error
     with np.errstate(invalid="ignore"):
-        peak = np.nan_to_num(stamps.raw).max(axis=(1, 2)) - level
-        leaks: NDArray[np.bool_] = (excess > _SURE * error) & (excess > _LEAK * peak)
+        leaks: NDArray[np.bool_] = (excess > _SURE * error) & (excess > _LEAK * (_peak(stamps) - level))
     return leaks
 
 
