@@ -70,6 +70,10 @@ class PixelNoise:
     per_dn: float
     plane: Floats
 
+    def of(self, some: NDArray[Any] | slice) -> PixelNoise:
+        """Return that of some of the windows."""
+        return PixelNoise(self.floor[some], self.per_dn, self.plane[some])
+
 
 def fit_ring(stamps: Pixels, side: int) -> RingPlane:
     """Fit a plane to the ring of four pixels around the middle ``side`` pixels, in two clipped passes.

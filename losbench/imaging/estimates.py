@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from losbench.imaging.background import PixelNoise
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import NEWTON_LIMIT, WindowFit, eiwa, grey, spread
-from losbench.imaging.template import TemplateFit, gaussian, light, weighted
+from losbench.imaging.template import TemplateFit, gaussian, weighted
 
 __all__ = ["TEMPLATES", "Choices", "Estimate", "estimate"]
 
@@ -19,9 +19,6 @@ Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
 
 TEMPLATES = ("weighted", "gaussian")
-
-_MISFIT = 0.1  # of the light of a window
-_SURE = 5.0  # sigma
 
 
 @dataclass(frozen=True)
@@ -84,20 +81,11 @@ def estimate(
 
 
 def _of_template(window: Pixels, start: Floats, width: Floats, noise: PixelNoise, how: Choices) -> Estimate:
-    """Fit a template, and hold its light against that of the window and of its middle: there a wrong width shows."""
     if how.method == "weighted":
         fit: TemplateFit = weighted(window, start, width, noise, tolerance=how.tolerance, max_iter=how.max_iter)
     else:
         fit = gaussian(window, start, width, noise, max_iter=how.max_iter)
-    total = light(window)
-    side = window.shape[1]
-    count = np.array([[side], [side - 2 * (side // 4)]]) ** 2
-    variance = count * noise.floor + noise.per_dn * np.maximum(total, 0.0) + count**2 * noise.plane[:, 0]
-    with np.errstate(invalid="ignore"):
-        astray = np.abs(fit.inside - total) > _MISFIT * np.abs(total) + _SURE * np.sqrt(variance)
-    fields = {name: value for name, value in vars(fit).items() if name != "inside"}
-    still = np.zeros(len(start), dtype=bool)
-    return Estimate(**fields, middle=np.zeros_like(start), slow=still, misfit=astray[0] | astray[1])
+    return Estimate(**vars(fit), middle=np.zeros_like(start), slow=np.zeros(len(start), dtype=bool))
 
 
 def _of_window(signal: Pixels, fit: WindowFit, noise: PixelNoise, how: Choices) -> Estimate:

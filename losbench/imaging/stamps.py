@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import integer
 
-__all__ = ["as_stack", "as_starts", "cut_stamps", "in_frame", "peak_pixels", "spot_sigma"]
+__all__ = ["as_stack", "as_starts", "cut_stamps", "evenly", "in_frame", "peak_pixels", "spot_sigma"]
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
@@ -133,6 +133,15 @@ def in_frame(stack: NDArray[Any], places: Floats) -> tuple[NDArray[np.intp], NDA
     return frame, spot, nearest[inside]
 
 
+def evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Up to ``most`` of ``count`` places, evenly spread from the first to the last.
+
+    >>> evenly(9, 3).tolist(), evenly(2, 5).tolist(), evenly(0, 5).tolist()
+    ([0, 4, 8], [0, 1], [])
+    """
+    return np.unique(np.linspace(0, count - 1, most if count else 0, dtype=np.intp))
+
+
 def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
     """Width of the spots, in pixels: the median over up to 64 of the Gaussian sigma of their bright part's wider axis.
 
@@ -145,11 +154,11 @@ def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
     """
     stack = as_stack(frames)
     places = as_starts("start", start, len(stack))
-    chosen = np.unique(np.linspace(0, len(stack) - 1, _SIGMA_FRAMES).astype(int))
+    chosen = evenly(len(stack), _SIGMA_FRAMES)
     frame, spot, middle = in_frame(stack, places[chosen])
     stamps = cut_stamps(stack, chosen[frame], middle, _SIGMA_REACH)
     seen = np.unique(spot)
-    few = seen[np.unique(np.linspace(0, len(seen) - 1, _SIGMA_SPOTS, dtype=np.intp))] if len(seen) else seen
+    few = seen[evenly(len(seen), _SIGMA_SPOTS)]
     widths = [_bright_sigma(stamps[spot == k].astype(np.float64)) for k in few]
     return float(np.nanmedian(widths)) if np.isfinite(widths).any() else np.nan
 

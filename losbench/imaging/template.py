@@ -25,13 +25,15 @@ from losbench.imaging.background import PixelNoise
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
-__all__ = ["FittedWidths", "TemplateFit", "fitted_widths", "gaussian", "light", "weighted"]
+__all__ = ["FittedWidths", "TemplateFit", "fitted_widths", "gaussian", "weighted"]
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.floating[Any]]
 
 _LONGEST_STEP = 1.0  # pixels
 _NARROWEST = 0.3  # pixels of sigma
+_MISFIT = 0.1  # of the light of a window
+_SURE = 5.0  # sigma
 _SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
 
 
@@ -39,17 +41,17 @@ _SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
 class TemplateFit:
     """Fits of M spots.
 
-    Centroid and its error (M, 2); flux and its error (M,); the template's light in the window and in the middle of the
-    window, half as wide, (2, M); evaluations, and converged or not, (M,).
+    Centroid and its error (M, 2); flux and its error, evaluations, converged or not, and whether the template does not
+    fit, each (M,).
     """
 
     centroid: Floats
     sigma: Floats
     flux: Floats
     sigma_flux: Floats
-    inside: Floats
     n_iter: NDArray[np.int64]
     converged: NDArray[np.bool_]
+    misfit: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def weighted(
     for _ in range(max_iter):
         some = slice(None) if moving.size == count else moving
         columns = _columns(pixels, centre[some], width[some])
-        solved = _weighted_fit(columns, pixels[some], flux[some], noise.floor[some], noise.per_dn, noise.plane[some])
+        solved = _weighted_fit(columns, pixels[some], flux[some], noise.of(some))
         step = _step(solved.values)
         centre[some] += step
         flux[some], variance[some] = solved.values[:, 0], solved.variance
@@ -102,8 +104,8 @@ def weighted(
             break
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = np.sqrt(variance[:, 1:]) / np.where(flux > 0, flux, np.nan)[:, None]
-    held = flux * _share(centre, width, pixels.shape[1])
-    return TemplateFit(centre, sigma, flux, np.sqrt(variance[:, 0]), held, n_iter, converged & (flux > 0))
+    misfit = _misfits(pixels, centre, flux, width, noise)
+    return TemplateFit(centre, sigma, flux, np.sqrt(variance[:, 0]), n_iter, converged & (flux > 0), misfit)
 
 
 def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, max_iter: int) -> TemplateFit:
@@ -140,8 +142,9 @@ def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *,
         values[k, 0], variance[k, 0] = unit * fit.x[0], unit**2 * spread[0]
         converged[k] = fit.success and fit.x[0] > 0
     sigma = np.sqrt(variance)
-    held = values[:, 0] * _share(values[:, 1:3], np.exp(values[:, 3:]), pixels.shape[1])
-    return TemplateFit(values[:, 1:3], sigma[:, 1:], values[:, 0], sigma[:, 0], held, n_iter, converged)
+    flux, centre = values[:, 0], values[:, 1:3]
+    misfit = _misfits(pixels, centre, flux, np.exp(values[:, 3:]), noise)
+    return TemplateFit(centre, sigma[:, 1:], flux, sigma[:, 0], n_iter, converged, misfit)
 
 
 def _least_squares(data: Floats, start: Floats, width: Floats, max_iter: int) -> OptimizeResult:
@@ -171,7 +174,7 @@ def fitted_widths(pixels: Pixels, start: Floats, width: Floats, noise: PixelNois
     each = np.broadcast_to(width, centre.shape).copy()
     for _ in range(steps):
         columns = _columns(pixels, centre, each, widths=True)
-        solved = _weighted_fit(columns, pixels, flux, noise.floor, noise.per_dn, noise.plane)
+        solved = _weighted_fit(columns, pixels, flux, noise)
         flux = solved.values[:, 0]
         centre = np.clip(centre + _step(solved.values[:, :3]), -reach, reach)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -182,17 +185,22 @@ def fitted_widths(pixels: Pixels, start: Floats, width: Floats, noise: PixelNois
     return FittedWidths(each, np.clip(significance, 0.0, None))
 
 
-def light(pixels: Pixels) -> Floats:
-    """Sums of M windows, and of the middle of each, half as wide, (2, M)."""
+def _misfits(pixels: Pixels, centre: Floats, flux: Floats, width: Floats, noise: PixelNoise) -> NDArray[np.bool_]:
+    """Whether a template's light is not that of its window, or of the window's middle, half as wide, (M,).
+
+    There a wrong width or shape shows.
+    """
     side = pixels.shape[1]
-    middle = slice(side // 4, side - side // 4)
-    return np.stack([each.sum(axis=(1, 2), dtype=np.float64) for each in (pixels, pixels[:, middle, middle])])
-
-
-def _share(centre: Floats, width: Floats, side: int) -> Floats:
-    """Part of a template's light that `light` sees of it, (2, M)."""
-    halves = np.array([side / 2, side / 2 - side // 4])[:, None, None]
-    return np.prod(ndtr((halves - centre) / width) - ndtr((-halves - centre) / width), axis=2)
+    misfit = np.zeros(len(pixels), dtype=bool)
+    for border in (0, side // 4):
+        half, count = side / 2 - border, (side - 2 * border) ** 2
+        part = slice(border, side - border)
+        total = pixels[:, part, part].sum(axis=(1, 2), dtype=np.float64)
+        held = flux * np.prod(ndtr((half - centre) / width) - ndtr((-half - centre) / width), axis=1)
+        variance = count * noise.floor + noise.per_dn * np.maximum(total, 0.0) + count**2 * noise.plane[:, 0]
+        with np.errstate(invalid="ignore"):
+            misfit |= np.abs(held - total) > _MISFIT * np.abs(total) + _SURE * np.sqrt(variance)
+    return misfit
 
 
 @dataclass(frozen=True)
@@ -203,15 +211,13 @@ class _Solved:
     variance: Floats
 
 
-def _weighted_fit(
-    columns: Pixels, pixels: Pixels, flux: Floats, floor: Floats, per_dn: float, plane: Floats
-) -> _Solved:
+def _weighted_fit(columns: Pixels, pixels: Pixels, flux: Floats, noise: PixelNoise) -> _Solved:
     """Least squares of pixels on columns (M, p, S * S), the first of which is g, weighted by the inverse variance."""
-    light = per_dn * np.maximum(np.nan_to_num(flux), 0.0)
-    unit = floor + light
+    shot = noise.per_dn * np.maximum(np.nan_to_num(flux), 0.0)
+    unit = noise.floor + shot
     with np.errstate(divide="ignore", invalid="ignore"):
         # Frames without noise still need weights, though any will do.
-        share = np.where(unit > 0, light / unit, 0.0).astype(columns.dtype)[:, None]
+        share = np.where(unit > 0, shot / unit, 0.0).astype(columns.dtype)[:, None]
     pulled = columns / (np.maximum(1.0 - share, 1e-6) + share * columns[:, 0])[:, None]
     normal = (pulled @ columns.swapaxes(1, 2)).astype(np.float64)
     inverse = np.linalg.inv(normal + 1e-12 * np.eye(normal.shape[-1]))
@@ -219,7 +225,7 @@ def _weighted_fit(
     basis = _plane_basis(pixels.shape[1]).T.astype(columns.dtype)
     of_plane = inverse[:, :3] @ (pulled.reshape(-1, len(basis)) @ basis).reshape(*pulled.shape[:2], 3)
     errors = unit[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :3]
-    return _Solved(values, errors + np.einsum("mij,mj->mi", of_plane**2, plane))
+    return _Solved(values, errors + np.einsum("mij,mj->mi", of_plane**2, noise.plane))
 
 
 def _step(values: Floats) -> Floats:

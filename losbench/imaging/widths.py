@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.imaging.background import PixelNoise
 from losbench.imaging.eiwa import grey
 from losbench.imaging.estimates import Choices
+from losbench.imaging.stamps import evenly
 from losbench.imaging.template import fitted_widths
 from losbench.imaging.windows import cut_windows, level_of, pixel_noise, saturated
 
@@ -44,13 +44,12 @@ def template_widths(
         usable &= ~stamps.missing.any(axis=(1, 2))
     if not usable.any():
         return np.tile(guess, (n_spots, 1))
-    noise = pixel_noise(stamps, level, how)
     start = grey(stamps.signal[usable], np.zeros((int(usable.sum()), 2)), how.window).centroid
     fit = fitted_widths(
         stamps.signal[usable, 1:-1, 1:-1],
         np.nan_to_num(start),
         guess,
-        PixelNoise(noise.floor[usable], noise.per_dn, noise.plane[usable]),
+        pixel_noise(stamps, level, how).of(usable),
     )
     bright = fit.significance >= _FAINTEST
     voters, width, weight = spot[some][usable][bright], fit.width[bright], fit.significance[bright] ** 2
@@ -65,9 +64,8 @@ def template_widths(
 def _chosen(frame: Whole, spot: Whole, n_spots: int) -> Whole:
     """Which windows to fit: of up to 400 spots, each in as many frames as that allows, evenly spread."""
     frames = np.unique(frame)
-    share = np.unique(np.linspace(0, len(frames) - 1, min(_FRAMES, max(1, _FITS // n_spots)), dtype=np.intp))
-    spots = np.unique(np.linspace(0, n_spots - 1, _FITS, dtype=np.intp))
-    return np.flatnonzero(np.isin(frame, frames[share]) & np.isin(spot, spots)) if len(frames) else frame[:0]
+    share = evenly(len(frames), min(_FRAMES, max(1, _FITS // n_spots)))
+    return np.flatnonzero(np.isin(frame, frames[share]) & np.isin(spot, evenly(n_spots, _FITS)))
 
 
 def _weighted_median(values: Floats, weight: Floats) -> Floats:
