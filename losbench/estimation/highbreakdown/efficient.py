@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,8 @@ from losbench.estimation.highbreakdown.search import (
     Units,
     chunks,
     default_starts,
+    least,
+    least_of_subsets,
     random_source,
 )
 from losbench.estimation.influence import tuned
@@ -147,14 +150,8 @@ def _s_estimate(problem: Problem, units: Units, starts: int | None, rng: np.rand
     count, p, n = len(problem.y), *problem.basis.shape[1:]
     needed = units.needed(int(problem.rank.max()))
     starts = default_starts(needed) if starts is None else starts
-    z, size = np.empty((count, 0, p)), np.empty((count, 0))
-    for weights in units.choose(needed, most=max(_ALL, starts), starts=starts, rng=rng, columns=p):
-        subsets, found = Subsets(problem, weights), []
-        for part in chunks(count, weights.size):
-            search = Search(problem.part(part))
-            found.append(_least(*_tried(search, subsets.fits(search), MScale(search.problem, units)), _BEST))
-        fresh, sizes = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-        z, size = _least(np.concatenate([z, fresh], axis=1), np.concatenate([size, sizes], axis=1), _BEST)
+    blocks = units.choose(needed, most=max(_ALL, starts), starts=starts, rng=rng, columns=p)
+    z, size = least_of_subsets(problem, blocks, partial(_tried, units=units), count=_BEST, numbers=n)
     parts = []
     for part in chunks(count, z.shape[1] * n):
         search = Search(problem.part(part))
@@ -163,8 +160,9 @@ def _s_estimate(problem: Problem, units: Units, starts: int | None, rng: np.rand
     return z[:, 0], size[:, 0]
 
 
-def _tried(search: Search, z: Floats, measure: MScale) -> tuple[Floats, Floats]:
+def _tried(search: Search, subsets: Subsets, units: Units) -> tuple[Floats, Floats]:
     """Candidates (B, k, p) after one step, with their scales, roughly."""
+    z, measure = subsets.fits(search), MScale(search.problem, units)
     z, size = measure.step(search, z, measure.start(search.residuals(z)))
     return z, measure.better(search.residuals(z), size, rounds=2)
 
@@ -176,11 +174,5 @@ def _downhill(search: Search, z: Floats, size: Floats, measure: MScale) -> tuple
         moved = np.abs(z - before).max(axis=-1)
         if (moved <= _SETTLED * np.maximum(size, np.abs(z).max(axis=-1))).all():
             break
-    z, size = _least(z, measure.better(search.residuals(z), size, rounds=20), 1)
+    z, size = least(z, measure.better(search.residuals(z), size, rounds=20), 1)
     return z, measure.better(search.residuals(z), size, rounds=_STEPS)
-
-
-def _least(z: Floats, size: Floats, count: int) -> tuple[Floats, Floats]:
-    """Coordinates (B, count, p) and scales (B, count) of the least scales (B, k), in their order."""
-    best = np.argsort(size, axis=1, kind="stable")[:, :count]
-    return np.take_along_axis(z, best[..., None], axis=1), np.take_along_axis(size, best, axis=1)

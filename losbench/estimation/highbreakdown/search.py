@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import chain, combinations, islice
 from math import comb
@@ -14,7 +14,18 @@ from losbench.checks import generator
 from losbench.estimation.robust.iterate import Groups
 from losbench.estimation.robust.problem import Problem, products, spd_inverse, unused
 
-__all__ = ["EXHAUSTIVE", "Random", "Search", "Subsets", "Units", "chunks", "default_starts", "random_source"]
+__all__ = [
+    "EXHAUSTIVE",
+    "Random",
+    "Search",
+    "Subsets",
+    "Units",
+    "chunks",
+    "default_starts",
+    "least",
+    "least_of_subsets",
+    "random_source",
+]
 
 Floats = NDArray[np.float64]
 Random = np.random.Generator | int | None
@@ -151,6 +162,36 @@ def chunks(count: int, elements: int) -> Iterator[slice]:
     """Parts of ``count`` systems, with so many numbers for the candidates of each, that fit into a little memory."""
     size = max(1, _CHUNK_ELEMENTS // elements)
     return (slice(first, first + size) for first in range(0, count, size))
+
+
+def least(z: Floats, objective: Floats, count: int) -> tuple[Floats, Floats]:
+    """Coordinates (B, count, p) of the least objectives (B, k), and these."""
+    chosen = np.argpartition(objective, min(count, objective.shape[1]) - 1, axis=1)[:, :count]
+    return np.take_along_axis(z, chosen[..., None], axis=1), np.take_along_axis(objective, chosen, axis=1)
+
+
+def least_of_subsets(
+    problem: Problem,
+    blocks: Iterator[Floats],
+    tried: Callable[[Search, Subsets], tuple[Floats, Floats]],
+    *,
+    count: int,
+    numbers: int,
+) -> tuple[Floats, Floats]:
+    """Coordinates (B, count, p) of the least objectives (B, count) among all subsets, whose weights come in blocks.
+
+    ``tried`` makes candidates (B, k, p) with objectives (B, k) of some systems and a block of k subsets, and holds so
+    many ``numbers`` for each of them.
+    """
+    z, objective = np.empty((len(problem.y), 0, problem.basis.shape[1])), np.empty((len(problem.y), 0))
+    for weights in blocks:
+        subsets = Subsets(problem, weights)
+        parts = chunks(len(problem.y), len(weights) * numbers)
+        found = [least(*tried(Search(problem.part(part)), subsets), count) for part in parts]
+        fresh, values = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        z, objective = np.concatenate([z, fresh], axis=1), np.concatenate([objective, values], axis=1)
+        z, objective = least(z, objective, count)
+    return z, objective
 
 
 def random_source(rng: Random) -> np.random.Generator:

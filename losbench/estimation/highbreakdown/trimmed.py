@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from math import comb
 
 import numpy as np
@@ -20,10 +20,12 @@ from losbench.estimation.highbreakdown.search import (
     Units,
     chunks,
     default_starts,
+    least,
+    least_of_subsets,
     random_source,
 )
 from losbench.estimation.robust.fit import as_fit
-from losbench.estimation.robust.problem import Problem, read_problem
+from losbench.estimation.robust.problem import read_problem
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import ScaleRule
 
@@ -119,7 +121,14 @@ def lts(
     # What least squares leaves: the sums of squares that are compared then lose the fewest digits.
     start = problem.least_squares()
     left = replace(problem, y=-problem.residuals(start))
-    best, parts = _candidates(left, blocks, units, h, exact=exact), []
+    best, _ = least_of_subsets(
+        left,
+        blocks,
+        partial(_tried, units=units, h=h, exact=exact),
+        count=_LEAST if exact else _BEST,
+        numbers=left.basis.shape[1 if exact else 2],
+    )
+    parts = []
     for part in chunks(len(start), best.shape[1] * left.basis.shape[2]):
         search = Search(left.part(part))
         z = _settled(search, best[part], units, h)
@@ -139,25 +148,14 @@ def lts(
     )
 
 
-def _candidates(problem: Problem, blocks: Iterator[Floats], units: Units, h: int, *, exact: bool) -> Floats:
-    """Coordinates (B, k, p) of the few best of all subsets, which come in blocks.
-
-    They are the subsets of h units themselves, if exact; otherwise starts, after two refits to the h that fit best.
-    """
-    z, objective = np.empty((len(problem.y), 0, problem.basis.shape[1])), np.empty((len(problem.y), 0))
-    for weights in blocks:
-        subsets, found = Subsets(problem, weights), []
-        for part in chunks(len(problem.y), len(weights) * problem.basis.shape[1 if exact else 2]):
-            search = Search(problem.part(part))
-            tried = subsets.fits(search)
-            for _ in range(0 if exact else 2):
-                tried = search.fits(_kept(search, tried, units, h))
-            value = subsets.misfits(search, tried) if exact else _trimmed(search, tried, units, h)
-            found.append(_best(tried, value, _LEAST if exact else _BEST))
-        fresh, values = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-        z, objective = np.concatenate([z, fresh], axis=1), np.concatenate([objective, values], axis=1)
-        z, objective = _best(z, objective, _LEAST if exact else _BEST)
-    return z
+def _tried(search: Search, subsets: Subsets, units: Units, h: int, *, exact: bool) -> tuple[Floats, Floats]:
+    """Candidates (B, k, p) and what they leave: subsets of h units themselves, if exact, or starts after two refits."""
+    z = subsets.fits(search)
+    if exact:
+        return z, subsets.misfits(search, z)
+    for _ in range(2):
+        z = search.fits(_kept(search, z, units, h))
+    return z, _trimmed(search, z, units, h)
 
 
 def _settled(search: Search, z: Floats, units: Units, h: int) -> Floats:
@@ -166,7 +164,7 @@ def _settled(search: Search, z: Floats, units: Units, h: int) -> Floats:
         before, z = z, search.fits(_kept(search, z, units, h))
         if np.array_equal(before, z):
             break
-    return _best(z, _trimmed(search, z, units, h), 1)[0][:, 0]
+    return least(z, _trimmed(search, z, units, h), 1)[0][:, 0]
 
 
 def _kept(search: Search, z: Floats, units: Units, h: int) -> Floats:
@@ -181,12 +179,6 @@ def _kept(search: Search, z: Floats, units: Units, h: int) -> Floats:
 def _trimmed(search: Search, z: Floats, units: Units, h: int) -> Floats:
     """Sum (B, k) of the h smallest squared sizes of the units."""
     return np.partition(units.sums(search.residuals(z) ** 2), h - 1, axis=-1)[..., :h].sum(axis=-1)
-
-
-def _best(z: Floats, objective: Floats, count: int) -> tuple[Floats, Floats]:
-    """Coordinates (B, count, p) of the least objectives (B, k), and these."""
-    chosen = np.argpartition(objective, min(count, objective.shape[1]) - 1, axis=1)[:, :count]
-    return np.take_along_axis(z, chosen[..., None], axis=1), np.take_along_axis(objective, chosen, axis=1)
 
 
 def _reweighted(
