@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from losbench.pointing.starcamera import CorrectedPair, DriftFit, time_tag_offset
+from losbench.recording.drift_tracks import ends
 from losbench.recording.telemetry import Telemetry
 
 if TYPE_CHECKING:
@@ -64,10 +65,10 @@ def _scatter_note(head: str, ratio: float) -> str:
 
 def change_notes(tracks: pd.DataFrame) -> list[str]:
     """Say so if the correction makes the change from the first to the last track larger, clearly beyond its error."""
-    known = tracks.dropna(subset=["mean_before", "mean_after"])
-    if len(known) < 2:
+    found = ends(tracks, "mean_before", "mean_after")
+    if found is None:
         return []
-    first, last = known.iloc[0], known.iloc[-1]
+    first, last = found
     raw, corrected = (last[f"mean_{which}"] - first[f"mean_{which}"] for which in ("before", "after"))
     error = float(np.hypot(last["mean_after_sigma"], first["mean_after_sigma"]))
     if not abs(corrected) - abs(raw) > _BEYOND * error:

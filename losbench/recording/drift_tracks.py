@@ -14,7 +14,7 @@ from losbench.recording.telemetry import Telemetry
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["short_notes", "track_lines", "track_table"]
+__all__ = ["ends", "short_notes", "track_lines", "track_table"]
 
 Floats = NDArray[np.float64]
 
@@ -93,14 +93,18 @@ def _track_line(row: pd.Series) -> str:
     )
 
 
+def ends(tracks: pd.DataFrame, *columns: str) -> tuple[pd.Series, pd.Series] | None:
+    """The first and the last track that have these columns; None if there are no two."""
+    known = tracks.dropna(subset=list(columns))
+    return (known.iloc[0], known.iloc[-1]) if len(known) > 1 else None
+
+
 def _change_line(tracks: pd.DataFrame) -> list[str]:
     """The change from the first to the last track that has both angles, else of the uncorrected one alone."""
-    known = tracks.dropna(subset=["mean_before", "mean_after"])
-    if len(known) < 2:
-        known = tracks.dropna(subset=["mean_before"])
-    if len(known) < 2:
+    found = ends(tracks, "mean_before", "mean_after") or ends(tracks, "mean_before")
+    if found is None:
         return []
-    first, last = known.iloc[0], known.iloc[-1]
+    first, last = found
     raw, corrected = (_said(last[f"mean_{which}"] - first[f"mean_{which}"]) for which in ("before", "after"))
     return [f"track {first['track']} to {last['track']}: angle changed by {raw} arcsec, corrected {corrected}"]
 
