@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from losbench.imaging.detector import Detector
 from losbench.recording.files import jump_in_names
-from losbench.recording.stamps import Stamp, UnreadableFrame, as_frame
+from losbench.recording.stamps import Stamp, UnreadableFrame, as_frame, first_readable
 from losbench.recording.times import FrameTimes, increasing, times_from_utc
 
 __all__ = ["Contents", "open_fits", "open_pixel_files"]
@@ -36,8 +36,9 @@ def open_fits(paths: list[Path], *, skip: bool, clock: str) -> Contents:
 
     The files' own times are read where ``clock`` is "own".
     """
-    first = _first_readable(paths, skip=skip)
-    with _hdus(first) as hdus:
+    k, opened = first_readable(len(paths), lambda k: _hdus(paths[k]), skip=skip)
+    first = paths[k]
+    with opened as hdus:
         if any("FLUX" in _columns(hdu) for hdu in hdus):
             return open_pixel_files(paths, clock=clock)
         images = [i for i, hdu in enumerate(hdus) if hdu.is_image and hdu.header.get("NAXIS", 0) >= 2]
@@ -61,17 +62,6 @@ def open_fits(paths: list[Path], *, skip: bool, clock: str) -> Contents:
     stamp = Stamp("frame", shape[1:], (0.0, 0.0), lambda k: _section(first, which, k, f"frame {k} of {first.name}"))
     times = _axis_times(header, shape[0], first.name) if clock == "own" else None
     return Contents(shape[0], (stamp,), times, notes=others)
-
-
-def _first_readable(paths: list[Path], *, skip: bool) -> Path:
-    for path in paths[:-1]:
-        try:
-            with _hdus(path):
-                return path
-        except UnreadableFrame:
-            if not skip:
-                raise
-    return paths[-1]
 
 
 def _extensions(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from losbench.checks import choice, positive
 from losbench.imaging.detector import Detector
 from losbench.recording.files import image_loader, in_natural_order, jump_in_names, numpy_stack, tiff_pages
-from losbench.recording.stamps import Stamp, UnreadableFrame, as_frame
+from losbench.recording.stamps import Stamp, UnreadableFrame, as_frame, first_readable
 from losbench.recording.times import FrameTimes, read_times
 
 if TYPE_CHECKING:
@@ -172,7 +172,8 @@ def _stack(
 ) -> Recording:
     if n_frames == 0:
         raise ValueError(f"{source.name} holds no frames")
-    first, name = _first_readable(n_frames, load, label, skip)
+    k, first = first_readable(n_frames, lambda k: as_frame(load(k), label(k)), skip=skip)
+    name = label(k)
 
     def checked(k: int) -> NDArray[Any]:
         frame = as_frame(load(k), label(k))
@@ -183,19 +184,6 @@ def _stack(
         return frame
 
     return Recording(source, n_frames, (Stamp("frame", first.shape, (0.0, 0.0), checked),))
-
-
-def _first_readable(
-    n_frames: int, load: Callable[[int], NDArray[Any]], label: Callable[[int], str], skip: bool
-) -> tuple[NDArray[Any], str]:
-    """Return the frame that says how large all others are, and its name."""
-    for k in range(n_frames - 1):
-        try:
-            return as_frame(load(k), label(k)), label(k)
-        except UnreadableFrame:
-            if not skip:
-                raise
-    return as_frame(load(n_frames - 1), label(n_frames - 1)), label(n_frames - 1)
 
 
 def _described(frame: NDArray[Any]) -> str:

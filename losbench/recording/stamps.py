@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Stamp", "UnreadableFrame", "as_frame"]
+__all__ = ["Stamp", "UnreadableFrame", "as_frame", "first_readable"]
+
+Read = TypeVar("Read")
 
 _DTYPES = (np.uint8, np.uint16, np.float32)
 
@@ -63,6 +65,17 @@ class Stamp:
             if frame is not None:
                 row[...] = frame
         return stack, good
+
+
+def first_readable(count: int, read: Callable[[int], Read], *, skip: bool) -> tuple[int, Read]:
+    """Number and content of the first of ``count`` that can be read; it must be the very first, without ``skip``."""
+    for k in range(count - 1):
+        try:
+            return k, read(k)
+        except UnreadableFrame:
+            if not skip:
+                raise
+    return count - 1, read(count - 1)
 
 
 def as_frame(array: NDArray[Any], name: str) -> NDArray[Any]:
