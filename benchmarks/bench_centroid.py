@@ -1,7 +1,8 @@
 """Centroids and finding beside a plain loop, peers and the physical limit, all in one run.
 
-Ratios of times on the same spots and frames; ``--save`` writes them to benchmarks/baselines/centroid.csv. Peers
-that are not installed (``pip install sep photutils``) are left out with a line. One thread: set OMP_NUM_THREADS=1.
+Ratios of times on the same spots and frames; ``--save`` writes them to
+benchmarks/baselines/centroid.csv. Peers that are not installed (``pip install sep photutils``) are
+left out with a line. One thread: set OMP_NUM_THREADS=1.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ CAMERA = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
 
 
 def naive_eiwa(image, start, window, *, tolerance=1e-3, max_iter=50):
-    """EIWA of one spot as one would write it down: ring plane in two clipped passes, then the moving window."""
+    """EIWA of one spot as one would write it down: ring plane in two clipped passes, then the
+    moving window.
+    """
     half = window // 2
     column, row = np.rint(start).astype(int)
     y, x = np.mgrid[row - half - 4 : row + half + 5, column - half - 4 : column + half + 5]
@@ -46,7 +49,9 @@ def naive_eiwa(image, start, window, *, tolerance=1e-3, max_iter=50):
         for axis, (sums, first) in enumerate(((wy @ signal, x[0, 0]), (signal @ wx, y[0, 0]))):
             left = int(np.floor(centre[axis] - window / 2 + 0.5))
             right = left + window
-            pull = (right - centroid[axis]) * sums[right - first] + (centroid[axis] - left) * sums[left - first]
+            pull = (right - centroid[axis]) * sums[right - first] + (centroid[axis] - left) * sums[
+                left - first
+            ]
             contraction[axis] = pull / total
         ahead = step / np.maximum(1 - contraction, 0.15)
         centre += np.clip(np.where((k > 0) & (abs(contraction) < 0.85), ahead, step), -1, 1)
@@ -73,14 +78,20 @@ def _naive_plane(pixels, x, y, half):
 
 
 def two_spots(frames, seed=0, size=SIZE, sigma=SIGMA):
-    """Stamps of two spots per frame side by side, and where the spots are: (F, size, 2 size), (F, 2, 2)."""
+    """Stamps of two spots per frame side by side, and where the spots are: (F, size, 2 size), (F,
+    2, 2).
+    """
     rng = np.random.default_rng(seed)
-    xy = np.array([[size // 2, size // 2], [size + size // 2, size // 2]]) + rng.uniform(-0.4, 0.4, (frames, 2, 2))
+    xy = np.array([[size // 2, size // 2], [size + size // 2, size // 2]]) + rng.uniform(
+        -0.4, 0.4, (frames, 2, 2)
+    )
     return CAMERA.expose(lb.render_spots(xy, 5e4, sigma, (size, 2 * size)) + 100.0, rng), xy
 
 
 def in_turns(calls, rounds):
-    """Seconds of each call, the best fifth of rounds in which all take turns: other load strikes all alike."""
+    """Seconds of each call, the best fifth of rounds in which all take turns: other load strikes
+    all alike.
+    """
     taken = {name: [] for name in calls}
     for turn in range(rounds):
         for name, call in calls.items():
@@ -99,7 +110,11 @@ def measure_rows():
     flat = [image - np.median(image) for image in images]
 
     def plain(_):
-        return [naive_eiwa(image, p, WINDOW) for image, ps in zip(frames[:few], start, strict=False) for p in ps]
+        return [
+            naive_eiwa(image, p, WINDOW)
+            for image, ps in zip(frames[:few], start, strict=False)
+            for p in ps
+        ]
 
     template = {"method": "weighted", "window": WINDOW, "sigma": SIGMA, "noise": CAMERA}
     calls = {
@@ -119,9 +134,14 @@ def measure_rows():
             ]
 
         calls |= {"sep": lambda _: winpos(11), "sep1": lambda _: winpos(1)}
-        peers += [("eiwa", "sep", "sep.winpos", 10.0), ("eiwa", "sep1", "sep.winpos(subpix=1)", 2.5)]
+        peers += [
+            ("eiwa", "sep", "sep.winpos", 10.0),
+            ("eiwa", "sep1", "sep.winpos(subpix=1)", 2.5),
+        ]
         peers += [("weighted", "sep", "sep.winpos", 3.0)]
-        every = [np.ascontiguousarray(frame, dtype=np.float32) - np.median(frame) for frame in frames]
+        every = [
+            np.ascontiguousarray(frame, dtype=np.float32) - np.median(frame) for frame in frames
+        ]
         own = lb.centroid(frames, start, **template).xy - xy
         other = np.swapaxes(winpos(11, every), 1, 2) - xy
         errors = [1e3 * float(np.sqrt(np.mean(error**2))) for error in (other, own)]
@@ -145,7 +165,12 @@ def measure_rows():
     taken = in_turns(calls, 15)
     for method, name, what, target in peers:
         own, other = taken[method] / (2 * FRAMES), taken[name] / (2 * few)
-        yield f"{method}: {what} / batch", other / own, target, f"{1e6 * other:.1f} / {1e6 * own:.1f} us per spot"
+        yield (
+            f"{method}: {what} / batch",
+            other / own,
+            target,
+            f"{1e6 * other:.1f} / {1e6 * own:.1f} us per spot",
+        )
 
 
 def find_rows():
@@ -165,13 +190,25 @@ def find_rows():
     calls = {"find": lb.find_spots, "components": components, "max": np.max}
     taken = in_turns({name: over_the_stack(call) for name, call in calls.items()}, 7)
     find, other, single = (taken[name] / len(stack) for name in ("find", "components", "max"))
-    yield "find: threshold + connected components / find_spots", other / find, 8.0, f"find {1e3 * find:.2f} ms"
-    yield "find: find_spots / np.max (passes)", find / single, -3.5, f"one pass {1e3 * single:.2f} ms"
+    yield (
+        "find: threshold + connected components / find_spots",
+        other / find,
+        8.0,
+        f"find {1e3 * find:.2f} ms",
+    )
+    yield (
+        "find: find_spots / np.max (passes)",
+        find / single,
+        -3.5,
+        f"one pass {1e3 * single:.2f} ms",
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--save", action="store_true", help="write the table to benchmarks/baselines/centroid.csv")
+    parser.add_argument(
+        "--save", action="store_true", help="write the table to benchmarks/baselines/centroid.csv"
+    )
     save = parser.parse_args().save
     cv2.setNumThreads(1)
     table, missed = [], False
@@ -185,7 +222,9 @@ def main() -> None:
     if save:
         BASELINE.parent.mkdir(exist_ok=True)
         with BASELINE.open("w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([["what", "ratio", "target", "detail"], *table])
+            csv.writer(file, lineterminator="\n").writerows(
+                [["what", "ratio", "target", "detail"], *table]
+            )
     sys.exit(missed)
 
 

@@ -1,7 +1,8 @@
-"""From slider to picture: every explorer beside plain ``interact`` and ``plt.show`` of the same figure, in a browser.
+"""From slider to picture: every explorer beside plain ``interact`` and ``plt.show`` of the same
+figure, in a browser.
 
-Explorer and plain twin stand in one notebook and take turns, so that a busy moment meets both. A picture counts when it
-has been decoded and the next frame of the screen begins.
+Explorer and plain twin stand in one notebook and take turns, so that a busy moment meets both. A
+picture counts when it has been decoded and the next frame of the screen begins.
 """
 
 import argparse
@@ -91,7 +92,8 @@ WATCH = """() => {
 LINE = (
     "{explorer:20s} {median_ms:4.0f} ms (95 %: {p95_ms:4.0f})  plain {plain_ms:4.0f} ms"
     "  ratio {ratio:4.2f} (at most {ratio_limit:g})"
-    "  {pictures_per_s:4.1f} pictures/s (plain {plain_pictures_per_s:.1f}, at least {least_pictures_per_s:g})"
+    "  {pictures_per_s:4.1f} pictures/s (plain {plain_pictures_per_s:.1f}, at least "
+    "{least_pictures_per_s:g})"
     "  last move to picture {last_move_to_picture_ms:3.0f} ms (at most 200): {verdict}"
 )
 KEYS, ROUNDS, FINE = 10, 3, 60
@@ -117,11 +119,17 @@ class Row:
 
 
 def latencies(page: Any, handle: Any) -> list[float]:
-    """Press keys, one at a time, away from the nearer end and back; return the time from key to picture of each."""
+    """Press keys, one at a time, away from the nearer end and back; return the time from key to
+    picture of each.
+    """
     found = []
     handle.focus()
-    place, low, high = (float(handle.get_attribute(f"aria-value{name}")) for name in ("now", "min", "max"))
-    away, back = ("ArrowRight", "ArrowLeft") if place < (low + high) / 2 else ("ArrowLeft", "ArrowRight")
+    place, low, high = (
+        float(handle.get_attribute(f"aria-value{name}")) for name in ("now", "min", "max")
+    )
+    away, back = (
+        ("ArrowRight", "ArrowLeft") if place < (low + high) / 2 else ("ArrowLeft", "ArrowRight")
+    )
     for key in [away] * (KEYS // 2) + [back] * (KEYS // 2):
         page.evaluate("() => { window.seen.moves.length = window.seen.pictures.length = 0; }")
         page.keyboard.press(key)
@@ -133,7 +141,9 @@ def latencies(page: Any, handle: Any) -> list[float]:
 
 
 def dragged(page: Any, drag: Callable[[], None]) -> tuple[float, float]:
-    """Drag a slider; return pictures per second while it moves, and the time from the last move to the last picture."""
+    """Drag a slider; return pictures per second while it moves, and the time from the last move to
+    the last picture.
+    """
     page.evaluate("() => { window.seen.moves.length = window.seen.pictures.length = 0; }")
     drag()
     count = -1
@@ -147,10 +157,17 @@ def dragged(page: Any, drag: Callable[[], None]) -> tuple[float, float]:
 
 
 def first_fine_slider(name: str) -> int:
-    """Number of the first slider with enough values for a drag to ask for many pictures; every explorer has one."""
-    controls = KINDS[name].controls.values() if name != "Reference" else [Slider("phase", 0, 0, 360, 2)]
+    """Number of the first slider with enough values for a drag to ask for many pictures; every
+    explorer has one.
+    """
+    controls = (
+        KINDS[name].controls.values() if name != "Reference" else [Slider("phase", 0, 0, 360, 2)]
+    )
     sliders = [control for control in controls if isinstance(control, Slider | LogSlider)]
-    fine = [isinstance(each, LogSlider) or (each.high - each.low) / each.step >= FINE for each in sliders]
+    fine = [
+        isinstance(each, LogSlider) or (each.high - each.low) / each.step >= FINE
+        for each in sliders
+    ]
     return fine.index(True)
 
 
@@ -196,14 +213,22 @@ def measure(lab: Any, page: Any, name: str) -> Row:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--save", action="store_true", help="write the table to benchmarks/baselines")
-    parser.add_argument("names", nargs="*", help="explorers to measure; by default the reference figure and all")
+    parser.add_argument(
+        "--save", action="store_true", help="write the table to benchmarks/baselines"
+    )
+    parser.add_argument(
+        "names", nargs="*", help="explorers to measure; by default the reference figure and all"
+    )
     options = parser.parse_args()
     if CHROMIUM is None:
         sys.exit(print(WHY_NOT))
     names = options.names or ["Reference", *KINDS]
     rows = []
-    with tempfile.TemporaryDirectory() as folder, chromium() as browser, jupyterlab(Path(folder)) as lab:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        chromium() as browser,
+        jupyterlab(Path(folder)) as lab,
+    ):
         for name in names:
             kind = REFERENCE if name == "Reference" else IMPORT.format(KINDS[name])
             nbformat.write(notebook(kind, "Kind()", TWIN), Path(folder) / f"{name}.ipynb")
@@ -212,12 +237,18 @@ def main() -> None:
                 rows.append(measure(lab, context.new_page(), name))
             lab.delete_sessions()
             print(LINE.format(**asdict(rows[-1])), flush=True)
-    print(f"load of the machine in the last minutes: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
+    print(
+        f"load of the machine in the last minutes: {os.getloadavg()[0]:.1f} on {os.cpu_count()} "
+        "processors"
+    )
     if options.save:
         with (HERE / "baselines" / "explorers.csv").open("w", newline="") as file:
             table = csv.DictWriter(file, list(asdict(rows[0])), lineterminator="\n")
             table.writeheader()
-            table.writerows({k: f"{v:.3g}" if isinstance(v, float) else v for k, v in asdict(r).items()} for r in rows)
+            table.writerows(
+                {k: f"{v:.3g}" if isinstance(v, float) else v for k, v in asdict(r).items()}
+                for r in rows
+            )
     sys.exit(any(row.verdict == "MISSED" for row in rows))
 
 

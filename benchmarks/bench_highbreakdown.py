@@ -1,4 +1,6 @@
-"""Many robust systems at once: `irls` against statsmodels, `lts` and `mm` over frames, how times and memory grow."""
+"""Many robust systems at once: `irls` against statsmodels, `lts` and `mm` over frames, how times
+and memory grow.
+"""
 
 import resource
 
@@ -19,7 +21,9 @@ FRAMES = 10_000
 def frames_of_eight_spots() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Design, shifts and spot of each row: three of eight spots bad and in league."""
     turn = 2 * np.pi * np.arange(8) / 8
-    design = lb.design_matrix(np.column_stack([np.cos(turn), np.sin(turn), np.ones(8)]), model="paper")
+    design = lb.design_matrix(
+        np.column_stack([np.cos(turn), np.sin(turn), np.ones(8)]), model="paper"
+    )
     shifts = np.random.default_rng(8).standard_normal((FRAMES, 16))
     shifts[:, :6] += (design @ [90.0, -70.0, 120.0])[:6]
     return design, shifts, np.repeat(np.arange(8), 2)
@@ -32,7 +36,9 @@ def systems(count: int, n: int, p: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def hundred_thousand():
-    """100 000 systems of 16 x 3 in one call; statsmodels solves a sample of them, with equal answers."""
+    """100 000 systems of 16 x 3 in one call; statsmodels solves a sample of them, with equal
+    answers.
+    """
     design, y = systems(100_000, 16, 3)
 
     def ours():
@@ -44,7 +50,9 @@ def hundred_thousand():
 
     np.testing.assert_allclose(ours()[:SAMPLE], peer(), rtol=0, atol=1e-7)
     ours_s, peer_s = in_turn(ours, peer, rounds=3)
-    return faster("irls, 100 000 of 16 x 3", ours_s / 100_000, "statsmodels RLM", peer_s / SAMPLE, 100)
+    return faster(
+        "irls, 100 000 of 16 x 3", ours_s / 100_000, "statsmodels RLM", peer_s / SAMPLE, 100
+    )
 
 
 def plain_lts(design: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -64,14 +72,22 @@ def lts_against_a_loop():
     design, shifts, spot = frames_of_eight_spots()
 
     def ours():
-        return lb.lts(design, shifts, group=spot, scale=1e-9).x  # a scale that lets no row in: the raw estimate
+        return lb.lts(
+            design, shifts, group=spot, scale=1e-9
+        ).x  # a scale that lets no row in: the raw estimate
 
     def peer():
         return np.array([plain_lts(design, y) for y in shifts[:SAMPLE]])
 
     np.testing.assert_allclose(ours()[:SAMPLE], peer(), atol=1e-9)
     ours_s, peer_s = in_turn(ours, peer, rounds=3)
-    return faster("lts, 8 spots, 10 000 frames", ours_s / FRAMES, "a loop over subsets, numpy", peer_s / SAMPLE, 50)
+    return faster(
+        "lts, 8 spots, 10 000 frames",
+        ours_s / FRAMES,
+        "a loop over subsets, numpy",
+        peer_s / SAMPLE,
+        50,
+    )
 
 
 def mm_against_lts():
@@ -81,7 +97,9 @@ def mm_against_lts():
         lambda: lb.lts(design, shifts, group=spot),
         rounds=3,
     )
-    return within("mm, 8 spots, 10 000 frames", mm_s / FRAMES, "lts of the same", lts_s / FRAMES, 60)
+    return within(
+        "mm, 8 spots, 10 000 frames", mm_s / FRAMES, "lts of the same", lts_s / FRAMES, 60
+    )
 
 
 def scaling(solve, name, small, large, at_most):
@@ -89,12 +107,16 @@ def scaling(solve, name, small, large, at_most):
     few, many = systems(*small), systems(*large)
     large_s, small_s = in_turn(lambda: solve(*many), lambda: solve(*few), rounds=3)
     shapes = ["{} of {} x {}".format(*shape) for shape in (large, small)]
-    per_row = [seconds / (shape[0] * shape[1]) for seconds, shape in ((large_s, large), (small_s, small))]
+    per_row = [
+        seconds / (shape[0] * shape[1]) for seconds, shape in ((large_s, large), (small_s, small))
+    ]
     return within(f"{name}, {shapes[0]}, per row", per_row[0], shapes[1], per_row[1], at_most)
 
 
 def memory():
-    """Peak memory of everything above, in units of a gigabyte: the columns of times hold it in microbytes."""
+    """Peak memory of everything above, in units of a gigabyte: the columns of times hold it in
+    microbytes.
+    """
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return within("peak memory of this run, GB", 1e-6 * peak / 1e9, "1 GB", 1e-6, 1.0)
 

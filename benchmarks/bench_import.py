@@ -1,4 +1,6 @@
-"""What `import losbench` costs beside `import numpy`: each in fresh interpreters, in turn, the best of several."""
+"""What `import losbench` costs beside `import numpy`: each in fresh interpreters, in turn, the best
+of several.
+"""
 
 import statistics
 import subprocess
@@ -9,7 +11,11 @@ LIMIT = 4.0
 
 def seconds(module: str) -> float:
     code = f"import time; t = time.perf_counter(); import {module}; print(time.perf_counter() - t)"
-    return float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+    return float(
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+    )
 
 
 def main() -> None:

@@ -1,4 +1,6 @@
-"""Aided centroids of 1000 images with 8 stars each, beside the paper's algorithm written down star by star."""
+"""Aided centroids of 1000 images with 8 stars each, beside the paper's algorithm written down star
+by star.
+"""
 
 import tracemalloc
 
@@ -24,8 +26,12 @@ def scene():
     truth = lb.motion_path(shakes, EXPOSURE_S, nodes=2)
     tracks = truth.tracks(np.random.default_rng(2).uniform(20, 490, (IMAGES, STARS, 2)), CAMERA)
     origin = np.rint((tracks.max(axis=-2) + tracks.min(axis=-2)) / 2) - SIDE // 2
-    windows = lb.render_streaks(tracks[..., None, :, :], truth.share, 1e4, SIGMA, (SIDE, SIDE), origin)
-    path = lb.gyro_path(lb.Gyro().increments(shakes, EXPOSURE_S), interval_s=0.005, exposure_s=EXPOSURE_S)
+    windows = lb.render_streaks(
+        tracks[..., None, :, :], truth.share, 1e4, SIGMA, (SIDE, SIDE), origin
+    )
+    path = lb.gyro_path(
+        lb.Gyro().increments(shakes, EXPOSURE_S), interval_s=0.005, exposure_s=EXPOSURE_S
+    )
     return windows, origin, path
 
 
@@ -77,7 +83,9 @@ def loop(windows, origin, path, masked, whole_path):
 
 def ours(windows, origin, path, **choices):
     options = {"background": 0.0, "noise": NOISE} | choices
-    return lb.aided_centroid(windows, origin=origin, path=path, camera=CAMERA, sigma=SIGMA, **options).xy
+    return lb.aided_centroid(
+        windows, origin=origin, path=path, camera=CAMERA, sigma=SIGMA, **options
+    ).xy
 
 
 def peak_megabytes(call):
@@ -103,14 +111,22 @@ if __name__ == "__main__":
             found, expected = ours(*given, **choices)[:LOOPED], loop(*given, masked, whole)
             np.testing.assert_allclose(found, expected, atol=1e-4)
             fast, slow = in_turn(
-                lambda c=choices: ours(*given, **c), lambda m=masked, w=whole: loop(*given, m, w), rounds=3
+                lambda c=choices: ours(*given, **c),
+                lambda m=masked, w=whole: loop(*given, m, w),
+                rounds=3,
             )
             rows.append(faster(name, fast / count, peer, slow / (LOOPED * STARS), target))
-    closed, iterative = in_turn(lambda: ours(*given, method="closed_form"), lambda: ours(*given), rounds=5)
+    closed, iterative = in_turn(
+        lambda: ours(*given, method="closed_form"), lambda: ours(*given), rounds=5
+    )
     rows.append(faster("closed form", closed / count, "iterative", iterative / count, 20))
-    least, iterative = in_turn(lambda: ours(*given, method="least_squares"), lambda: ours(*given), rounds=3)
+    least, iterative = in_turn(
+        lambda: ours(*given, method="least_squares"), lambda: ours(*given), rounds=3
+    )
     rows.append(within("least squares", least / count, "iterative", iterative / count, 8))
-    used = max(peak_megabytes(lambda m=m: ours(*given, method=m)) for m in ("iterative", "least_squares"))
+    used = max(
+        peak_megabytes(lambda m=m: ours(*given, method=m)) for m in ("iterative", "least_squares")
+    )
     print(f"memory above the input {used:.0f} MB, at most {MEGABYTES}")
     if used > MEGABYTES:
         raise SystemExit("memory: MISSED")

@@ -1,4 +1,6 @@
-"""The Monte Carlo of liu2026's Fig. 1 against drawing its random numbers and doing nothing with them."""
+"""The Monte Carlo of liu2026's Fig. 1 against drawing its random numbers and doing nothing with
+them.
+"""
 
 from side_by_side import in_turn, one_thread, report, within
 
@@ -18,7 +20,9 @@ SHIFTS_MM = DESIGN @ TRUTH_RAD
 
 def solve(rng, size):
     """Angles of ``size`` trials for each of three precisions, from displacements with noise."""
-    return {"angles": lb.lstsq(DESIGN, SHIFTS_MM + PRECISION_MM * rng.standard_normal((size, 3, 4))).x}
+    return {
+        "angles": lb.lstsq(DESIGN, SHIFTS_MM + PRECISION_MM * rng.standard_normal((size, 3, 4))).x
+    }
 
 
 def draw():
@@ -27,4 +31,11 @@ def draw():
 
 if __name__ == "__main__":
     ours_s, limit_s = in_turn(lambda: lb.monte_carlo(solve, TRIALS, seed=SEED), draw, rounds=1000)
-    report("montecarlo", [within("Fig. 1: 5000 trials x 3 precisions", ours_s, "its random numbers alone", limit_s, 5)])
+    report(
+        "montecarlo",
+        [
+            within(
+                "Fig. 1: 5000 trials x 3 precisions", ours_s, "its random numbers alone", limit_s, 5
+            )
+        ],
+    )

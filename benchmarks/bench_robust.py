@@ -1,4 +1,6 @@
-"""Batched `irls` against statsmodels' RLM and scipy's least_squares, system by system, with equal answers."""
+"""Batched `irls` against statsmodels' RLM and scipy's least_squares, system by system, with equal
+answers.
+"""
 
 from side_by_side import faster, in_turn, one_thread, report
 
@@ -43,7 +45,9 @@ def against_rlm(design, y, scale, model, at_least):
 
 
 def against_scipy(design, y, at_least):
-    """The same minimum: Huber's loss at a known scale, the corner of least_squares at 1.345 scales."""
+    """The same minimum: Huber's loss at a known scale, the corner of least_squares at 1.345
+    scales.
+    """
 
     def ours():
         return lb.irls(design, y, scale=1.0, max_iter=5000).x
@@ -53,7 +57,12 @@ def against_scipy(design, y, at_least):
         zero = np.zeros(UNKNOWNS)
         return np.array(
             [
-                least_squares(lambda x, i=i: design[i] @ x - y[i], zero, jac=lambda x, i=i: design[i], **options).x
+                least_squares(
+                    lambda x, i=i: design[i] @ x - y[i],
+                    zero,
+                    jac=lambda x, i=i: design[i],
+                    **options,
+                ).x
                 for i in range(SAMPLE)
             ]
         )
@@ -61,7 +70,9 @@ def against_scipy(design, y, at_least):
     np.testing.assert_allclose(ours()[:SAMPLE], peer(), rtol=0, atol=1e-5)
     ours_s, peer_s = in_turn(ours, peer, rounds=7)
     what = f"irls, Huber, given, {ROWS} x {UNKNOWNS}"
-    return faster(what, ours_s / SYSTEMS, 'scipy least_squares(loss="huber")', peer_s / SAMPLE, at_least)
+    return faster(
+        what, ours_s / SYSTEMS, 'scipy least_squares(loss="huber")', peer_s / SAMPLE, at_least
+    )
 
 
 if __name__ == "__main__":

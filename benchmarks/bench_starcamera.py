@@ -1,4 +1,6 @@
-"""A million attitudes of two heads through correction and angle, beside the Rotation operations they consist of."""
+"""A million attitudes of two heads through correction and angle, beside the Rotation operations
+they consist of.
+"""
 
 import tracemalloc
 
@@ -19,7 +21,9 @@ def heads() -> tuple[np.ndarray, np.ndarray]:
     """Attitudes (2, n, 4) and drifts (2, n, 3)."""
     rng = np.random.default_rng(0)
     q = rng.standard_normal((2, SAMPLES, 4))
-    return q / np.linalg.norm(q, axis=-1, keepdims=True), 1e-6 * rng.standard_normal((2, SAMPLES, 3))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True), 1e-6 * rng.standard_normal(
+        (2, SAMPLES, 3)
+    )
 
 
 def ours(q: np.ndarray, drift: np.ndarray) -> np.ndarray:
@@ -29,7 +33,10 @@ def ours(q: np.ndarray, drift: np.ndarray) -> np.ndarray:
 
 def scipy_alone(q: np.ndarray, drift: np.ndarray) -> np.ndarray:
     """The same with nothing checked and nothing missing."""
-    corrected = [(Rotation.from_quat(q[k]) * Rotation.from_rotvec(drift[k]).inv()).as_quat() for k in range(2)]
+    corrected = [
+        (Rotation.from_quat(q[k]) * Rotation.from_rotvec(drift[k]).inv()).as_quat()
+        for k in range(2)
+    ]
     z1, z2 = (Rotation.from_quat(c).apply([0.0, 0.0, 1.0]) for c in corrected)
     return np.arctan2(np.linalg.norm(np.cross(z1, z2), axis=1), np.vecdot(z1, z2))
 
@@ -55,7 +62,11 @@ if __name__ == "__main__":
         "starcamera",
         [
             within(
-                "correction and angle, one sample", ours_s / SAMPLES, "its Rotation operations", scipy_s / SAMPLES, 1.5
+                "correction and angle, one sample",
+                ours_s / SAMPLES,
+                "its Rotation operations",
+                scipy_s / SAMPLES,
+                1.5,
             )
         ],
     )

@@ -23,8 +23,12 @@ class Row:
     verdict: str
 
 
-def in_turn(ours: Callable[[], object], peer: Callable[[], object], rounds: int) -> tuple[float, float]:
-    """Shortest processor times in seconds, in turn, so that what else the machine does meets both."""
+def in_turn(
+    ours: Callable[[], object], peer: Callable[[], object], rounds: int
+) -> tuple[float, float]:
+    """Shortest processor times in seconds, in turn, so that what else the machine does meets
+    both.
+    """
     best = [float("inf"), float("inf")]
     for _ in range(rounds):
         for place, call in enumerate((ours, peer)):
@@ -38,20 +42,38 @@ def faster(what: str, ours_s: float, peer: str, peer_s: float, at_least: float) 
     """Judge times per system against a peer."""
     ratio = peer_s / ours_s
     verdict = "ok" if ratio >= at_least else "MISSED"
-    return Row(what, 1e6 * ours_s, peer, 1e6 * peer_s, ratio, f"at least {at_least:g} times faster", verdict)
+    return Row(
+        what,
+        1e6 * ours_s,
+        peer,
+        1e6 * peer_s,
+        ratio,
+        f"at least {at_least:g} times faster",
+        verdict,
+    )
 
 
 def within(what: str, ours_s: float, limit: str, limit_s: float, at_most: float) -> Row:
     """Judge a time against a physical limit."""
     ratio = ours_s / limit_s
     verdict = "ok" if ratio <= at_most else "MISSED"
-    return Row(what, 1e6 * ours_s, limit, 1e6 * limit_s, ratio, f"at most {at_most:g} times as long", verdict)
+    return Row(
+        what,
+        1e6 * ours_s,
+        limit,
+        1e6 * limit_s,
+        ratio,
+        f"at most {at_most:g} times as long",
+        verdict,
+    )
 
 
 def report(name: str, rows: list[Row]) -> None:
     """Print the table, save it with --save, and leave with 1 if a target was missed."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--save", action="store_true", help="write the table to benchmarks/baselines")
+    parser.add_argument(
+        "--save", action="store_true", help="write the table to benchmarks/baselines"
+    )
     options = parser.parse_args()
     for row in rows:
         print(
@@ -65,14 +87,19 @@ def report(name: str, rows: list[Row]) -> None:
             table = csv.DictWriter(file, list(asdict(rows[0])), lineterminator="\n")
             table.writeheader()
             rounded = [
-                asdict(row) | {k: f"{getattr(row, k):.4g}" for k in ("ours_us", "peer_us", "ratio")} for row in rows
+                asdict(row) | {k: f"{getattr(row, k):.4g}" for k in ("ours_us", "peer_us", "ratio")}
+                for row in rows
             ]
             table.writerows(rounded)
     sys.exit(any(row.verdict == "MISSED" for row in rows))
 
 
 def one_thread() -> None:
-    """Start over with one thread per library, unless that is so already: ratios are of work, not of cores."""
+    """Start over with one thread per library, unless that is so already: ratios are of work, not of
+    cores.
+    """
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     if any(os.environ.get(name) != "1" for name in names):
-        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(names, "1"))
+        os.execve(
+            sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(names, "1")
+        )

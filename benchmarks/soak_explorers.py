@@ -1,7 +1,9 @@
-"""Ten minutes of random slider moves over all explorers in JupyterLab: no error, and no memory that keeps growing.
+"""Ten minutes of random slider moves over all explorers in JupyterLab: no error, and no memory that
+keeps growing.
 
-Every explorer stands in one notebook, so that one kernel feeds them all. Its resident memory is read every few seconds;
-what it has grown by is the median of the last readings less that of the first ones after a warm-up.
+Every explorer stands in one notebook, so that one kernel feeds them all. Its resident memory is
+read every few seconds; what it has grown by is the median of the last readings less that of the
+first ones after a warm-up.
 """
 
 import argparse
@@ -27,7 +29,9 @@ from losbench.workbench import explorers  # noqa: E402
 LIMIT_MB = 20.0
 WARM_UP = 0.15
 KEYS = ("ArrowRight", "ArrowLeft", "PageUp", "PageDown", "Home", "End")
-RESIDENT_KB = "print(next(line for line in open('/proc/self/status') if line.startswith('VmRSS')).split()[1])"
+RESIDENT_KB = (
+    "print(next(line for line in open('/proc/self/status') if line.startswith('VmRSS')).split()[1])"
+)
 
 
 def move(page: Any, explorer: ExplorerPage, rng: random.Random) -> None:
@@ -52,7 +56,11 @@ def move(page: Any, explorer: ExplorerPage, rng: random.Random) -> None:
 def troubles(page: Any, log: list[str]) -> list[str]:
     """What has gone wrong so far: in the page, or under a cell."""
     outputs = page.locator(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-RenderedText")
-    return log + raised(page) + [text for text in outputs.all_inner_texts() if "Traceback" in text or "Warning" in text]
+    return (
+        log
+        + raised(page)
+        + [text for text in outputs.all_inner_texts() if "Traceback" in text or "Warning" in text]
+    )
 
 
 def soak(page: Any, lab: Any, seconds: float, seed: int) -> tuple[int, list[float], list[str]]:
@@ -86,8 +94,14 @@ def main() -> None:
     options = parser.parse_args()
     if CHROMIUM is None:
         sys.exit(print(WHY_NOT))
-    cells = [f"from losbench.workbench.explorers import {kind}\n{kind}()" for kind in explorers.__all__]
-    with tempfile.TemporaryDirectory() as folder, chromium() as browser, jupyterlab(Path(folder)) as lab:
+    cells = [
+        f"from losbench.workbench.explorers import {kind}\n{kind}()" for kind in explorers.__all__
+    ]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        chromium() as browser,
+        jupyterlab(Path(folder)) as lab,
+    ):
         nbformat.write(notebook(*cells), Path(folder) / "soak.ipynb")
         with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
             moves, memory, trouble = soak(context.new_page(), lab, options.seconds, options.seed)

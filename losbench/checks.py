@@ -1,6 +1,7 @@
 """Argument checks with one message style: what the argument must be, and what came.
 
-Every check takes the argument's name first and returns the value as the array or number that the caller works with.
+Every check takes the argument's name first and returns the value as the array or number that the
+caller works with.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from losbench.arrays import Floats
 
 __all__ = [
     "boolean",
@@ -24,26 +27,33 @@ __all__ = [
     "shaped",
 ]
 
-Floats = NDArray[np.float64]
 
 _NO_NUMBERS = "mMUSc"  # times, text and complex: NumPy would read a date as its count of some unit
 
 
 def finite(name: str, value: ArrayLike, *, ndim: int | None = None) -> Floats:
-    """Return ``value`` as a float array, or raise ``ValueError`` if it is empty or holds NaN or infinity."""
+    """Return ``value`` as a float array, or raise ``ValueError`` if it is empty or holds NaN or
+    infinity.
+    """
     array = _floats(name, value, ndim)
     bad = ~np.isfinite(array)
     if bad.any():
-        raise ValueError(f"{name} must be finite, got {int(bad.sum())} NaN or infinite of {array.size} values")
+        raise ValueError(
+            f"{name} must be finite, got {int(bad.sum())} NaN or infinite of {array.size} values"
+        )
     return array
 
 
 def finite_or_nan(name: str, value: ArrayLike, *, ndim: int | None = None) -> Floats:
-    """Return ``value`` as a float array in which NaN marks what is missing; raise if it is empty or holds infinity."""
+    """Return ``value`` as a float array in which NaN marks what is missing; raise if it is empty or
+    holds infinity.
+    """
     array = _floats(name, value, ndim)
     bad = np.isinf(array)
     if bad.any():
-        raise ValueError(f"{name} must be finite or NaN, got {int(bad.sum())} infinite of {array.size} values")
+        raise ValueError(
+            f"{name} must be finite or NaN, got {int(bad.sum())} infinite of {array.size} values"
+        )
     return array
 
 
@@ -77,8 +87,12 @@ def number(name: str, value: object, *, low: float = -np.inf, high: float = np.i
 
 
 def integer(name: str, value: object, *, low: int | None = None, high: int | None = None) -> int:
-    """Return ``value`` as an int between ``low`` and ``high``, both allowed; 3.0 passes, 3.5 and True do not."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+    """Return ``value`` as an int between ``low`` and ``high``, both allowed; 3.0 passes, 3.5 and
+    True do not.
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(
+        value, int | float | np.integer | np.floating
+    ):
         raise ValueError(f"{name} must be a whole number, got {value!r}")
     if value != value or value in (np.inf, -np.inf) or int(value) != value:
         raise ValueError(f"{name} must be a whole number, got {value!r}")
@@ -96,7 +110,9 @@ def boolean(name: str, value: object) -> bool:
 
 
 def generator(name: str, value: object) -> np.random.Generator:
-    """Return ``value`` as a random generator: a Generator as it is, or one made from a whole number as its seed."""
+    """Return ``value`` as a random generator: a Generator as it is, or one made from a whole number
+    as its seed.
+    """
     if isinstance(value, np.random.Generator):
         return value
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
@@ -127,7 +143,9 @@ def shaped(name: str, array: NDArray[Any], shape: tuple[int | str, ...], *, why:
     fits = len(actual) == len(wanted) and array.ndim >= len(wanted)
     if not fits or any(isinstance(w, int) and w != a for w, a in zip(wanted, actual, strict=True)):
         text = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
-        raise ValueError(f"{name} must have shape ({text}){' ' + why if why else ''}, got {array.shape}")
+        raise ValueError(
+            f"{name} must have shape ({text}){' ' + why if why else ''}, got {array.shape}"
+        )
 
 
 def _floats(name: str, value: ArrayLike, ndim: int | None) -> Floats:
@@ -140,7 +158,9 @@ def _floats(name: str, value: ArrayLike, ndim: int | None) -> Floats:
         held = f" of {value.dtype}" if isinstance(value, np.ndarray) else ""
         raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}{held}")
     if ndim is not None and array.ndim != ndim:
-        raise ValueError(f"{name} must have {ndim} dimension{'s' * (ndim != 1)}, got shape {array.shape}")
+        raise ValueError(
+            f"{name} must have {ndim} dimension{'s' * (ndim != 1)}, got shape {array.shape}"
+        )
     if array.size == 0:
         raise ValueError(f"{name} must hold at least one sample, got shape {array.shape}")
     return array

@@ -1,7 +1,7 @@
 """One look for all figures, and saving with provenance.
 
-Every saved figure has a side-car JSON that says what it shows, from which parameters and seed, and with which versions
-it was made; saved twice from one tree it is the same to the byte.
+Every saved figure has a side-car JSON that says what it shows, from which parameters and seed, and
+with which versions it was made; saved twice from one tree it is the same to the byte.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["COLOURS", "commit", "png", "save", "save_table", "styled", "use_style"]
 
-# Okabe and Ito's palette, told apart by colour-blind readers; black first, yellow left out as too pale for a line.
+# Okabe and Ito's palette, told apart by colour-blind readers; black first, yellow left out as too
+# pale for a line.
 COLOURS = {
     "black": "#000000",
     "blue": "#0072B2",
@@ -43,7 +44,9 @@ COLOURS = {
 }
 
 _STYLE = {
-    "axes.prop_cycle": cycler(color=[COLOURS[c] for c in COLOURS if c != "black"] + [COLOURS["black"]]),
+    "axes.prop_cycle": cycler(
+        color=[COLOURS[c] for c in COLOURS if c != "black"] + [COLOURS["black"]]
+    ),
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.spines.top": False,
@@ -87,7 +90,8 @@ def png(fig: Figure) -> bytes:
 
 
 def save(fig: Figure, name: str, *, parameters: object = None, seed: int | None = None) -> None:
-    """Save a figure as ``build/figures/<name>.png`` and ``.svg``, with its provenance in ``<name>.json``.
+    """Save a figure as ``build/figures/<name>.png`` and ``.svg``, with its provenance in
+    ``<name>.json``.
 
     Parameters
     ----------
@@ -109,7 +113,11 @@ def save(fig: Figure, name: str, *, parameters: object = None, seed: int | None 
         "versions": _versions(),
         "commit": commit(),
     }
-    metadata = {"Title": name, "Description": json.dumps(record, sort_keys=True), "Software": "losbench"}
+    metadata = {
+        "Title": name,
+        "Description": json.dumps(record, sort_keys=True),
+        "Software": "losbench",
+    }
     files = {
         "png": _drawn(fig, "png", name, metadata),
         "svg": _drawn(fig, "svg", name, {"Title": name, "Date": None, "Creator": "losbench"}),
@@ -117,12 +125,16 @@ def save(fig: Figure, name: str, *, parameters: object = None, seed: int | None 
     folder = build_folder() / "figures"
     for kind, content in files.items():
         write_whole(folder / f"{name}.{kind}", content)
-    record["sha256"] = {kind: hashlib.sha256(content).hexdigest() for kind, content in files.items()}
+    record["sha256"] = {
+        kind: hashlib.sha256(content).hexdigest() for kind, content in files.items()
+    }
     write_whole(folder / f"{name}.json", json.dumps(record, indent=1, sort_keys=True) + "\n")
 
 
 def save_table(frame: pd.DataFrame, name: str) -> None:
-    """Save a table as ``build/tables/<name>.csv``, floats to six digits; an index is kept if it has a name."""
+    """Save a table as ``build/tables/<name>.csv``, floats to six digits; an index is kept if it has
+    a name.
+    """
     named = any(level is not None for level in frame.index.names)
     text = frame.to_csv(index=named, float_format="%.6g", lineterminator="\n")
     write_whole(build_folder() / "tables" / f"{name}.csv", text)
@@ -130,13 +142,26 @@ def save_table(frame: pd.DataFrame, name: str) -> None:
 
 @cache
 def commit() -> str:
-    """Return the commit of the checkout that runs, "-dirty" added where it was changed, or "unknown"."""
+    """Return the commit of the checkout that runs, "-dirty" added where it was changed, or
+    "unknown".
+    """
     root = notebook_folder().parent
     if not (root / ".git").exists():
         return "unknown"
-    describe = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    describe = [
+        "git",
+        "-C",
+        str(root),
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=40",
+        "--exclude=*",
+    ]
     try:
-        return subprocess.run(describe, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+        return subprocess.run(
+            describe, capture_output=True, text=True, check=True, timeout=20
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return "unknown"
 
@@ -150,7 +175,15 @@ def _drawn(fig: Figure, kind: str, name: str, metadata: Mapping[str, str | None]
 
 @cache
 def _versions() -> dict[str, str]:
-    packages = ("losbench", "numpy", "scipy", "matplotlib", "opencv-python-headless", "pandas", "statsmodels")
+    packages = (
+        "losbench",
+        "numpy",
+        "scipy",
+        "matplotlib",
+        "opencv-python-headless",
+        "pandas",
+        "statsmodels",
+    )
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 

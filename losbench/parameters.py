@@ -24,7 +24,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not a TOML file: {error}") from None
 
 
-def from_table(kind: type[T], table: dict[str, Any], *, where: str, ignore: Iterable[str] = ()) -> T:
+def from_table(
+    kind: type[T], table: dict[str, Any], *, where: str, ignore: Iterable[str] = ()
+) -> T:
     """Make a dataclass from a table whose keys are its fields.
 
     Parameters
@@ -50,7 +52,9 @@ def from_table(kind: type[T], table: dict[str, Any], *, where: str, ignore: Iter
     unknown = sorted(set(given) - set(known))
     if unknown:
         raise ValueError(f"{where}: unknown key {', '.join(unknown)}; known are {', '.join(known)}")
-    needed = [name for name, f in known.items() if f.default is MISSING and f.default_factory is MISSING]
+    needed = [
+        name for name, f in known.items() if f.default is MISSING and f.default_factory is MISSING
+    ]
     missing = [name for name in needed if name not in given]
     if missing:
         raise ValueError(f"{where}: key {', '.join(missing)} is missing")
@@ -61,7 +65,8 @@ def from_table(kind: type[T], table: dict[str, Any], *, where: str, ignore: Iter
 
 
 def to_table(record: Any) -> str:
-    """Return the lines of a TOML table that `from_table` reads back; infinite numbers and empty lists are left out.
+    """Return the lines of a TOML table that `from_table` reads back; infinite numbers and empty
+    lists are left out.
 
     >>> from dataclasses import make_dataclass
     >>> print(to_table(make_dataclass("Lens", ["focal_mm", "shape"])(260.0, (1080, 1920))))

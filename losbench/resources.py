@@ -1,4 +1,6 @@
-"""Where the data and the notebooks lie: in the checkout, or inside an installed wheel; and where output goes."""
+"""Where the data and the notebooks lie: in the checkout, or inside an installed wheel; and where
+output goes.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ _HOME = _CHECKOUT if _IN_CHECKOUT else _PACKAGE / "shipped"
 
 
 def data_file(name: str) -> Path:
-    """Return the path of a file of ``data/``, e.g. ``claims.csv``; ``FileNotFoundError`` names what is there."""
+    """Return the path of a file of ``data/``, e.g. ``claims.csv``; ``FileNotFoundError`` names what
+    is there.
+    """
     path = _HOME / "data" / name
     if not path.is_file():
         present = ", ".join(sorted(p.name for p in path.parent.glob("*")))
@@ -30,14 +34,17 @@ def notebook_folder() -> Path:
 def build_folder() -> Path:
     """Return the folder that figures, tables and verdicts are written to.
 
-    ``LOSBENCH_BUILD`` names it; else it is ``build`` in the checkout, or in the working directory of an installation.
+    ``LOSBENCH_BUILD`` names it; else it is ``build`` in the checkout, or in the working directory
+    of an installation.
     """
     named = os.environ.get("LOSBENCH_BUILD")
     return Path(named) if named else (_CHECKOUT if _IN_CHECKOUT else Path.cwd()) / "build"
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file under a temporary name, then rename it: whoever looks finds the old file or the new one, whole."""
+    """Write a file under a temporary name, then rename it: whoever looks finds the old file or the
+    new one, whole.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     draft.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -45,14 +52,17 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def free_folder(out: str | Path, *, force: bool) -> Path:
-    """Return ``out`` as a folder to write to; ``FileExistsError`` if it holds anything, unless forced.
+    """Return ``out`` as a folder to write to; ``FileExistsError`` if it holds anything, unless
+    forced.
 
-    The folder is made with its first file. Forcing replaces the files that are written, one by one; nothing else in
-    the folder is touched.
+    The folder is made with its first file. Forcing replaces the files that are written, one by one;
+    nothing else in the folder is touched.
     """
     folder = Path(out)
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder} must be a folder, but is a file")
     if folder.is_dir() and any(folder.iterdir()) and not force:
-        raise FileExistsError(f"{folder} is not empty: choose another folder, or overwrite with --force")
+        raise FileExistsError(
+            f"{folder} is not empty: choose another folder, or overwrite with --force"
+        )
     return folder

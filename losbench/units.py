@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats
 from losbench.checks import positive
 
 __all__ = ["ARCSEC_PER_RAD", "arcsec_to_rad", "px_to_arcsec", "rad_to_arcsec"]
@@ -12,7 +13,7 @@ __all__ = ["ARCSEC_PER_RAD", "arcsec_to_rad", "px_to_arcsec", "rad_to_arcsec"]
 ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
 
 
-def rad_to_arcsec(angle_rad: ArrayLike) -> NDArray[np.float64]:
+def rad_to_arcsec(angle_rad: ArrayLike) -> Floats:
     """Convert radians to arcseconds, any shape.
 
     >>> float(rad_to_arcsec(np.pi))
@@ -21,12 +22,12 @@ def rad_to_arcsec(angle_rad: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(angle_rad, dtype=np.float64) * ARCSEC_PER_RAD
 
 
-def arcsec_to_rad(angle_arcsec: ArrayLike) -> NDArray[np.float64]:
+def arcsec_to_rad(angle_arcsec: ArrayLike) -> Floats:
     """Convert arcseconds to radians, any shape."""
     return np.asarray(angle_arcsec, dtype=np.float64) / ARCSEC_PER_RAD
 
 
-def px_to_arcsec(shift_px: ArrayLike, *, focal_mm: float, pixel_um: float) -> NDArray[np.float64]:
+def px_to_arcsec(shift_px: ArrayLike, *, focal_mm: float, pixel_um: float) -> Floats:
     """Convert a small shift near the axis from pixels to arcseconds, any shape.
 
     >>> round(float(px_to_arcsec(1.0, focal_mm=260.0, pixel_um=10.0)), 3)

@@ -46,7 +46,9 @@ def test_quiet_says_nothing(twin, tmp_path, capsys):
 def test_an_existing_folder_is_kept_unless_forced(twin, tmp_path, capsys):
     (tmp_path / "notes.txt").write_text("mine")
     assert measure(twin, tmp_path) == 2
-    assert "is not empty: choose another folder, or overwrite with --force" in capsys.readouterr().err
+    assert (
+        "is not empty: choose another folder, or overwrite with --force" in capsys.readouterr().err
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
     assert measure(twin, tmp_path, "--force") == 0
     assert (tmp_path / "notes.txt").read_text() == "mine"
@@ -55,7 +57,10 @@ def test_an_existing_folder_is_kept_unless_forced(twin, tmp_path, capsys):
 
 def test_a_forced_simulation_leaves_no_frame_of_an_earlier_one(tmp_path):
     for n_frames in ("3", "2"):
-        assert main(["simulate", "--out", str(tmp_path), "--frames", n_frames, "--quiet", "--force"]) == 0
+        assert (
+            main(["simulate", "--out", str(tmp_path), "--frames", n_frames, "--quiet", "--force"])
+            == 0
+        )
     assert len(list((tmp_path / "frames").iterdir())) == 2
     assert lb.read_recording(tmp_path / "frames", times=tmp_path / "times.csv").n_frames == 2
 
@@ -67,7 +72,19 @@ def test_a_pair_s_telemetry_is_simulated_and_corrected(tmp_path, capsys):
     assert "LSFE" in capsys.readouterr().out
     assert main(["drift", str(telemetry), "--out", str(tmp_path / "out")]) == 2
     assert "is not empty" in capsys.readouterr().err
-    assert main(["drift", str(telemetry), "--columns", str(tmp_path / "no.toml"), "--out", str(tmp_path / "2")]) == 2
+    assert (
+        main(
+            [
+                "drift",
+                str(telemetry),
+                "--columns",
+                str(tmp_path / "no.toml"),
+                "--out",
+                str(tmp_path / "2"),
+            ]
+        )
+        == 2
+    )
     assert "no.toml" in capsys.readouterr().err
 
 
@@ -75,9 +92,15 @@ def test_a_pair_s_telemetry_is_simulated_and_corrected(tmp_path, capsys):
     ("more", "message"),
     [
         (["--reference", "some"], "--reference must be 'first' or a whole number, got 'some'"),
-        (["--spots", "1;2"], "--spots must be X,Y pairs in pixels, e.g. \"690.3,539.1 1229.8,538.6\", got '1;2'"),
+        (
+            ["--spots", "1;2"],
+            "--spots must be X,Y pairs in pixels, e.g. \"690.3,539.1 1229.8,538.6\", got '1;2'",
+        ),
         (["--column", "T1"], "--column must be STANDARD=OWN, e.g. temperature_degC=T1, got 'T1'"),
-        (["--column", "temperature_degC=T1"], "temperature.csv has no column 'T1' for temperature_degC"),
+        (
+            ["--column", "temperature_degC=T1"],
+            "temperature.csv has no column 'T1' for temperature_degC",
+        ),
         (["--window", "12"], "window must be odd"),
     ],
 )
@@ -93,7 +116,10 @@ def test_missing_files_are_named(tmp_path, capsys):
     assert "no recording at" in capsys.readouterr().err
     for option, kind in (("--camera", "TOML"), ("--temperature", "CSV")):
         nowhere = tmp_path / "nowhere"
-        assert main(["measure", str(tmp_path), option, str(nowhere), "--out", str(tmp_path / "out")]) == 2
+        assert (
+            main(["measure", str(tmp_path), option, str(nowhere), "--out", str(tmp_path / "out")])
+            == 2
+        )
         assert capsys.readouterr().err == f"losbench measure: no {kind} file at {nowhere}\n"
 
 
@@ -112,7 +138,9 @@ def test_the_ledger_lists_the_claims_of_a_paper(capsys):
 
 def test_a_reader_that_goes_away_ends_the_command_quietly():
     losbench = subprocess.Popen(
-        [sys.executable, "-m", "losbench.cli", "ledger"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-m", "losbench.cli", "ledger"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     )
     losbench.stdout.close()
     assert losbench.stderr.read() == b""
@@ -122,7 +150,10 @@ def test_a_reader_that_goes_away_ends_the_command_quietly():
 
 def test_version_and_help_come_without_the_heavy_packages():
     code = "import sys, losbench.cli as c\ntry: c.main(['--version'])\nexcept SystemExit: pass\n"
-    code += "assert not {'numpy', 'pandas', 'cv2', 'matplotlib'} & set(sys.modules), sorted(sys.modules)"
+    code += (
+        "assert not {'numpy', 'pandas', 'cv2', 'matplotlib'} & set(sys.modules), "
+        "sorted(sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == f"losbench {lb.__version__}"

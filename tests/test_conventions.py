@@ -22,11 +22,12 @@ PUBLIC = [
     if isinstance(node, ast.ImportFrom)
     for alias in node.names
 ]
+ROOMS = [name for name in PUBLIC if inspect.ismodule(getattr(lb, name))]
 NOTEBOOKS = sorted(notebook_folder().glob("*.ipynb"))
 SHAPE = re.compile(r"\) array|shape \(")
 
 
-@pytest.mark.parametrize("name", PUBLIC)
+@pytest.mark.parametrize("name", sorted(set(PUBLIC) - set(ROOMS)))
 def test_a_public_name_is_documented_and_typed(name):
     thing = getattr(lb, name)
     text = inspect.getdoc(thing) or ""
@@ -56,7 +57,9 @@ def test_a_notebook_is_stored_clean(path):
     for cell in notebook["cells"]:
         if cell["cell_type"] == "code":
             assert not cell["outputs"], f"cell {cell['id']} is stored with outputs"
-            assert cell["execution_count"] is None, f"cell {cell['id']} is stored with an execution count"
+            assert cell["execution_count"] is None, (
+                f"cell {cell['id']} is stored with an execution count"
+            )
     assert notebook["nbformat"] == 4
     assert notebook["nbformat_minor"] == 5
     assert notebook["metadata"]["kernelspec"]["name"] == "python3"
@@ -79,7 +82,11 @@ def test_no_tracked_file_knows_the_machine_that_it_was_written_on():
         pytest.skip("not a git checkout")
     pattern = r"(^|[^A-Za-z0-9_.])/(home/[a-z]+|Users/[a-z]+|root|work|mnt)/"
     found = subprocess.run(
-        ["git", "grep", "-nIE", pattern, "--", ".", ":!*.lock"], cwd=ROOT, capture_output=True, text=True, check=False
+        ["git", "grep", "-nIE", pattern, "--", ".", ":!*.lock"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert found.returncode in (0, 1), found.stderr
     assert found.stdout == ""
@@ -88,3 +95,31 @@ def test_no_tracked_file_knows_the_machine_that_it_was_written_on():
 def test_the_first_notebook_leads_to_all_the_others():
     text = (notebook_folder() / "00-start-here.ipynb").read_text(encoding="utf-8")
     assert set(re.findall(r"\]\(([^)]+\.ipynb)\)", text)) == {path.name for path in NOTEBOOKS[1:]}
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_imports_from_the_face_and_named_subpackages_only(path):
+    """A subpackage is a folder, whose ``__init__`` says what it offers; files are the library's own business."""
+    package = Path(lb.__file__).parent.parent
+    code = "\n".join(
+        "".join(cell["source"])
+        for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]
+        if cell["cell_type"] == "code"
+    )
+    for module in re.findall(r"^\s*(?:from|import) (losbench[\w.]*)", code, re.MULTILINE):
+        where = package / module.replace(".", "/")
+        assert where.is_dir() or module.split(".")[1] in ROOMS, f"{module} is a file of the library"
+
+
+def test_what_every_array_is_called_is_said_once():
+    package = Path(lb.__file__).parent
+    again = [
+        path.name
+        for path in package.rglob("*.py")
+        if re.search(
+            r"^(Floats|Bools|Ints|Indices|Pixels)\b.* = ",
+            path.read_text(encoding="utf-8"),
+            re.MULTILINE,
+        )
+    ]
+    assert again == ["arrays.py"]

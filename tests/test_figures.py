@@ -50,7 +50,10 @@ def test_the_side_car_says_where_a_figure_comes_from(build):
     draw("liu2026-fig-1")
     record = json.loads((build / "figures" / "liu2026-fig-1.json").read_text())
     for kind, digest in record.pop("sha256").items():
-        assert hashlib.sha256((build / "figures" / f"liu2026-fig-1.{kind}").read_bytes()).hexdigest() == digest
+        assert (
+            hashlib.sha256((build / "figures" / f"liu2026-fig-1.{kind}").read_bytes()).hexdigest()
+            == digest
+        )
     assert (record["paper"], record["figure"], record["seed"]) == ("liu2026", "fig-1", 7)
     assert record["parameters"] == {"focal_mm": 260.0, "precision_px": [0.01, 0.1]}
     assert record["versions"]["numpy"] == np.__version__
@@ -89,5 +92,7 @@ def test_a_table_keeps_a_named_index_and_six_digits(build):
     frame = pd.DataFrame({"rms_px": [1 / 3, 2e-7]}, index=pd.Index(["A", "B"], name="spot"))
     figures.save_table(frame, "liu2026-table-1")
     figures.save_table(frame.reset_index(drop=True), "plain")
-    assert (build / "tables" / "liu2026-table-1.csv").read_text() == "spot,rms_px\nA,0.333333\nB,2e-07\n"
+    assert (
+        build / "tables" / "liu2026-table-1.csv"
+    ).read_text() == "spot,rms_px\nA,0.333333\nB,2e-07\n"
     assert (build / "tables" / "plain.csv").read_text() == "rms_px\n0.333333\n2e-07\n"

@@ -11,15 +11,27 @@ import pytest
 import losbench
 
 PACKAGE = Path(losbench.__file__).parent
-ROOMS = ["", "estimation", "imaging", "pointing", "figures", "recording", "papers", "workbench", "cli"]
-GROUND = {"__about__", "units", "checks", "parameters", "resources"}
+GROUND = {path.stem for path in PACKAGE.glob("*.py")} - {"cli"}
+FLOORS = [
+    GROUND,
+    {"estimation"},
+    {"optics"},
+    {"imaging", "pointing"},
+    {"recording", "telemetry"},
+    {"papers"},
+    {"workbench"},
+    {"cli"},
+]
 HEAVY = ["statsmodels", "matplotlib", "cv2", "pandas", "scipy.stats"]
 
 
 def room(module):
-    """Return the place of ``losbench.<room>...`` in the order; ground floor modules come first."""
-    first = module.split(".")[1] if "." in module else ""
-    return ROOMS.index("" if first in GROUND else first)
+    """Return the room of ``losbench.<room>...``; modules of the ground are rooms of their own."""
+    return module.split(".")[1]
+
+
+def floor(module):
+    return next(k for k, rooms in enumerate(FLOORS) if room(module) in rooms)
 
 
 def imported(path):
@@ -28,22 +40,33 @@ def imported(path):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path.name}: relative import"
-            whole = [f"losbench.{alias.name}" for alias in node.names] if node.module == "losbench" else [node.module]
+            whole = (
+                [f"losbench.{alias.name}" for alias in node.names]
+                if node.module == "losbench"
+                else [node.module]
+            )
             yield from whole
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_a_room_imports_only_from_those_before_it(path):
+@pytest.mark.parametrize(
+    "path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE))
+)
+def test_a_room_imports_only_from_the_floors_below(path):
     parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
     if parts == ("losbench", "__init__"):
         return
     for module in imported(path):
         assert module != "losbench", f"{path.name} imports the package that it is part of"
         if module.startswith("losbench."):
-            assert room(module) <= room(".".join(parts)), f"{path.name} imports {module}, which lies further down"
+            here = ".".join(parts)
+            assert floor(module) <= floor(here), f"{path.name} imports {module}, from a floor above"
+            neighbours = floor(module) == floor(here) > 0 and room(module) != room(here)
+            assert not neighbours, f"{path.name} imports {module}, from the room next door"
 
 
 def test_importing_the_package_loads_nothing_heavy():
-    code = f"import sys, json, losbench; print(json.dumps([m for m in {HEAVY} if m in sys.modules]))"
+    code = (
+        f"import sys, json, losbench; print(json.dumps([m for m in {HEAVY} if m in sys.modules]))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout) == []

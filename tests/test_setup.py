@@ -10,7 +10,8 @@ import pytest
 
 SCRIPT = Path(__file__).resolve().parent.parent / ".ci" / "set-up"
 pytestmark = pytest.mark.skipif(
-    shutil.which("bash") is None or not SCRIPT.is_file(), reason="needs bash and a checkout with .ci"
+    shutil.which("bash") is None or not SCRIPT.is_file(),
+    reason="needs bash and a checkout with .ci",
 )
 
 
@@ -18,14 +19,22 @@ def set_up(folder, lock="numpy==2.4.0\n", python=sys.executable, **extra):
     (folder / "requirements.lock").write_text(lock)
     environment = {**os.environ, "PYTHON": str(python), "UV": "", **extra}
     return subprocess.run(
-        [SCRIPT, ".venv", "requirements.lock"], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        [SCRIPT, ".venv", "requirements.lock"],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
 def pretending(folder, preparation):
     """Write an interpreter that runs ``preparation`` before the code that it is given."""
     fake = folder / "python"
-    fake.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "import sys; {preparation}; exec(sys.argv[1])" "$2"\n')
+    fake.write_text(
+        f'#!/bin/sh\nexec "{sys.executable}" -c "import sys; {preparation}; exec(sys.argv[1])" '
+        '"$2"\n'
+    )
     fake.chmod(0o755)
     return fake
 
@@ -52,7 +61,10 @@ def test_a_missing_venv_module_is_said(tmp_path):
 
 @pytest.mark.parametrize(
     ("lock", "message"),
-    [("", "requirements.lock is missing or empty"), ("numpy==2.4.0\n", "requirements.lock could not be installed")],
+    [
+        ("", "requirements.lock is missing or empty"),
+        ("numpy==2.4.0\n", "requirements.lock could not be installed"),
+    ],
 )
 def test_a_broken_lock_is_said(tmp_path, lock, message):
     done = set_up(tmp_path, lock, PIP_NO_INDEX="1", PIP_NO_INPUT="1")

@@ -1,4 +1,6 @@
-"""How many bad observations a design survives, before any is taken; and how bad ones hide each other."""
+"""How many bad observations a design survives, before any is taken; and how bad ones hide each
+other.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,9 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats, Ints
 from losbench.checks import finite
 from losbench.estimation.highbreakdown.search import Units
 from losbench.estimation.robust.problem import read_problem
@@ -17,7 +20,6 @@ from losbench.estimation.robust.result import RobustFit
 
 __all__ = ["DesignBreakdown", "deletion_residuals", "design_breakdown"]
 
-Floats = NDArray[np.float64]
 
 _SUBSETS = 20_000
 _DIRECTIONS = 4000
@@ -36,14 +38,16 @@ class DesignBreakdown:
     units : int
         Rows, or groups of rows, of the design.
     monotone : int
-        Bad units that every M-estimate with a monotone psi (Huber) and a known scale survives, wherever they are.
+        Bad units that every M-estimate with a monotone psi (Huber) and a known scale survives,
+        wherever they are.
     any : int
         Bad units that some regression equivariant estimate survives: LTS does.
     shares : (units + 1,) array
-        Largest part of the pull that k = 0 .. units bad ones can have in any direction, as far as it was found; below
-        1/2 is survived.
+        Largest part of the pull that k = 0 .. units bad ones can have in any direction, as far as
+        it was found; below 1/2 is survived.
     direction : (p,) array
-        Where the first k that is too much does its work: the combination of unknowns that it can carry away.
+        Where the first k that is too much does its work: the combination of unknowns that it can
+        carry away.
     """
 
     units: int
@@ -54,7 +58,8 @@ class DesignBreakdown:
 
 
 def design_breakdown(A: ArrayLike, *, group: ArrayLike | None = None) -> DesignBreakdown:
-    """Count the bad observations that a design survives, for monotone M-estimates and for any estimate.
+    """Count the bad observations that a design survives, for monotone M-estimates and for any
+    estimate.
 
     Parameters
     ----------
@@ -74,16 +79,17 @@ def design_breakdown(A: ArrayLike, *, group: ArrayLike | None = None) -> DesignB
 
     Notes
     -----
-    k bad units are survived by a monotone M-estimate if in every direction d of the unknowns the k largest of |A_g d|
-    make less than half of their sum (Ellis and Morgenthaler, J. Amer. Statist. Assoc. 87, 143 (1992)); by any estimate
-    if k <= (m - N - 1) / 2, with N the most units that one direction leaves untouched (Mizera and Mueller, J. Statist.
-    Plann. Inference 80, 231 (1999)).
+    k bad units are survived by a monotone M-estimate if in every direction d of the unknowns the k
+    largest of |A_g d| make less than half of their sum (Ellis and Morgenthaler, J. Amer. Statist.
+    Assoc. 87, 143 (1992)); by any estimate if k <= (m - N - 1) / 2, with N the most units that one
+    direction leaves untouched (Mizera and Mueller, J. Statist. Plann. Inference 80, 231 (1999)).
 
-    For single rows, of which at most 20 000 subsets of p - 1 exist, both numbers are exact: the worst direction then
-    leaves p - 1 rows untouched, and all of those are tried. Otherwise they are the result of a search, which may miss
-    the worst direction and so claim too much, never too little: of shares by climbs from the best of many directions
-    (to six digits, where another method was tried), of N among the directions that a few units, drawn at random where
-    they are many, leave free.
+    For single rows, of which at most 20 000 subsets of p - 1 exist, both numbers are exact: the
+    worst direction then leaves p - 1 rows untouched, and all of those are tried. Otherwise they are
+    the result of a search, which may miss the worst direction and so claim too much, never too
+    little: of shares by climbs from the best of many directions (to six digits, where another
+    method was tried), of N among the directions that a few units, drawn at random where they are
+    many, leave free.
 
     Examples
     --------
@@ -99,7 +105,10 @@ def design_breakdown(A: ArrayLike, *, group: ArrayLike | None = None) -> DesignB
     matrix = finite("A", A, ndim=2)
     problem = read_problem(matrix, np.zeros(len(matrix)))
     if problem.rank[0] < matrix.shape[1]:
-        raise ValueError(f"A must determine all {matrix.shape[1]} unknowns, got a matrix of rank {problem.rank[0]}")
+        raise ValueError(
+            f"A must determine all {matrix.shape[1]} unknowns, got a matrix of rank "
+            f"{problem.rank[0]}"
+        )
     rows, units = np.ascontiguousarray(problem.basis[0].T), Units.read(group, len(matrix))
     rng = np.random.default_rng(0)
     still = np.array(list(_null_directions(rows, units, rng))).reshape(-1, rows.shape[1])
@@ -119,9 +128,11 @@ def design_breakdown(A: ArrayLike, *, group: ArrayLike | None = None) -> DesignB
 
 
 def deletion_residuals(fit: RobustFit) -> Floats:
-    """Externally studentised residuals of least squares: how far each row is from what all others say, (..., n).
+    """Externally studentised residuals of least squares: how far each row is from what all others
+    say, (..., n).
 
-    The classical hunt for outliers, one row at a time; two bad rows that vouch for each other pass it.
+    The classical hunt for outliers, one row at a time; two bad rows that vouch for each other pass
+    it.
 
     Parameters
     ----------
@@ -131,12 +142,13 @@ def deletion_residuals(fit: RobustFit) -> Floats:
     Returns
     -------
     (..., n) array
-        Student's t with dof - 1 degrees of freedom for a good row among good ones; infinite where the others fit
-        perfectly, NaN where a row fixes an unknown alone.
+        Student's t with dof - 1 degrees of freedom for a good row among good ones; infinite where
+        the others fit perfectly, NaN where a row fixes an unknown alone.
 
     Notes
     -----
-    t = r / (s_(i) sqrt(1 - h)), with s_(i) made without the row (Belsley, Kuh and Welsch 1980, eq. 2.26).
+    t = r / (s_(i) sqrt(1 - h)), with s_(i) made without the row (Belsley, Kuh and Welsch 1980, eq.
+    2.26).
 
     Examples
     --------
@@ -147,12 +159,16 @@ def deletion_residuals(fit: RobustFit) -> Floats:
     free = 1.0 - fit.leverage
     with np.errstate(divide="ignore", invalid="ignore"):
         own = fit.residuals**2 / free
-        others = np.maximum((fit.residuals**2).sum(axis=-1, keepdims=True) - own, 0.0) / (fit.dof[..., None] - 1)
+        others = np.maximum((fit.residuals**2).sum(axis=-1, keepdims=True) - own, 0.0) / (
+            fit.dof[..., None] - 1
+        )
         return -fit.residuals / np.sqrt(others * free)
 
 
 def _null_directions(rows: Floats, units: Units, rng: np.random.Generator) -> Iterator[Floats]:
-    """Directions (p,) that leave as many units untouched as a direction can: those that a few units do not fix."""
+    """Directions (p,) that leave as many units untouched as a direction can: those that a few units
+    do not fix.
+    """
     p, count = rows.shape[1], len(units.sizes)
     labels = units.spread(np.arange(float(count)))
     for size in range(max(1, units.needed(p) - 1), p):
@@ -167,7 +183,9 @@ def _null_directions(rows: Floats, units: Units, rng: np.random.Generator) -> It
 
 
 def _greatest_shares(rows: Floats, units: Units, directions: Floats) -> tuple[Floats, Floats]:
-    """Largest share (m + 1,) of k units in the pull, with its direction (m + 1, p), after climbs from the best few."""
+    """Largest share (m + 1,) of k units in the pull, with its direction (m + 1, p), after climbs
+    from the best few.
+    """
     shares, bad = _shares(_pulls(rows, units, directions)), np.arange(len(units.sizes) + 1)
     climbers = int(np.clip(_CLIMBERS // len(bad), _FEW, _MANY))
     at = directions[np.argsort(-shares, axis=0, kind="stable")[:climbers]]
@@ -182,11 +200,13 @@ def _greatest_shares(rows: Floats, units: Units, directions: Floats) -> tuple[Fl
     return best[source], worst[source]
 
 
-def _climbed(rows: Floats, units: Units, at: Floats, bad: NDArray[np.int64]) -> Floats:
-    """Directions (s, m + 1, p) in which as many units as are ``bad`` have no smaller a share than in ``at``.
+def _climbed(rows: Floats, units: Units, at: Floats, bad: Ints) -> Floats:
+    """Directions (s, m + 1, p) in which as many units as are ``bad`` have no smaller a share than
+    in ``at``.
 
-    With S those of the greatest pull, the pull of S is convex in d and so at least c'd, c being its gradient; that of
-    the others falls when d goes to M^-1 c, with M their normal matrix weighted by one over their pulls (Weiszfeld).
+    With S those of the greatest pull, the pull of S is convex in d and so at least c'd, c being its
+    gradient; that of the others falls when d goes to M^-1 c, with M their normal matrix weighted by
+    one over their pulls (Weiszfeld).
     """
     seen = at @ rows.T
     pulls = np.sqrt(units.sums(seen**2))

@@ -9,8 +9,9 @@ from math import exp, lgamma, log
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats
 from losbench.checks import finite, integer, number
 from losbench.estimation.losses import Loss
 
@@ -23,7 +24,6 @@ __all__ = [
     "tuned",
 ]
 
-Floats = NDArray[np.float64]
 AnyLoss = TypeVar("AnyLoss", bound=Loss)
 
 _FARTHEST = 12.0  # standard deviations: beyond, a normal density is nothing to a double
@@ -32,7 +32,8 @@ _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 def influence_function(loss: Loss, u: ArrayLike) -> Floats:
-    """Influence of an error of ``u`` scales on a location estimate with this loss, in scales, at normal errors.
+    """Influence of an error of ``u`` scales on a location estimate with this loss, in scales, at
+    normal errors.
 
     Parameters
     ----------
@@ -77,8 +78,9 @@ def efficiency(loss: Loss, *, rows: int = 1) -> float:
 
     Notes
     -----
-    (E psi')^2 / E psi^2 by Gauss-Legendre quadrature (Huber 1981, eq. 3.2.6), with E psi' = E u psi(u) for normal
-    errors, so that the weights are all that is needed. For g rows with one weight, u is their root mean square.
+    (E psi')^2 / E psi^2 by Gauss-Legendre quadrature (Huber 1981, eq. 3.2.6), with E psi' = E u
+    psi(u) for normal errors, so that the weights are all that is needed. For g rows with one
+    weight, u is their root mean square.
 
     Examples
     --------
@@ -99,7 +101,8 @@ def tuned(loss: AnyLoss, efficiency: float = 0.95, *, rows: int = 1) -> AnyLoss:
     Parameters
     ----------
     loss : dataclass with ``weights(u)``
-        Huber, Bisquare, Cauchy, Welsch, Hampel (whose three constants keep their ratios), or another like them.
+        Huber, Bisquare, Cauchy, Welsch, Hampel (whose three constants keep their ratios), or
+        another like them.
     efficiency : float
         On normal errors, against least squares.
     rows : int
@@ -128,11 +131,13 @@ def tuned(loss: AnyLoss, efficiency: float = 0.95, *, rows: int = 1) -> AnyLoss:
 
 
 def gross_error_sensitivity(loss: Loss) -> float:
-    """Most that one bad observation can do: the largest absolute influence, in scales; infinite for least squares.
+    """Most that one bad observation can do: the largest absolute influence, in scales; infinite for
+    least squares.
 
     Notes
     -----
-    Hampel and others (1986), eq. (2.1.13). The median has the least of all location estimates, sqrt(pi / 2).
+    Hampel and others (1986), eq. (2.1.13). The median has the least of all location estimates,
+    sqrt(pi / 2).
 
     Examples
     --------
@@ -147,13 +152,17 @@ def gross_error_sensitivity(loss: Loss) -> float:
     return max(pull) / _mean_slope(loss, 1)
 
 
-def sensitivity_curve(estimate: Callable[[Floats], ArrayLike], sample: ArrayLike, at: ArrayLike) -> Floats:
-    """Effect on an estimate of one more observation, wherever it falls: the influence function of a finite sample.
+def sensitivity_curve(
+    estimate: Callable[[Floats], ArrayLike], sample: ArrayLike, at: ArrayLike
+) -> Floats:
+    """Effect on an estimate of one more observation, wherever it falls: the influence function of a
+    finite sample.
 
     Parameters
     ----------
     estimate : callable
-        From observations (k, n) to estimates (k,), along axis=-1: ``lambda y: np.median(y, axis=-1)``.
+        From observations (k, n) to estimates (k,), along axis=-1: ``lambda y: np.median(y,
+        axis=-1)``.
     sample : (n,) array
         Observations so far.
     at : (k,) array
@@ -188,7 +197,9 @@ def sensitivity_curve(estimate: Callable[[Floats], ArrayLike], sample: ArrayLike
     return np.asarray(len(joined[0]) * (after - before), dtype=np.float64)
 
 
-def normal_mean(function: Callable[[Floats], Floats], *, rows: int = 1, corners: tuple[float, ...] = ()) -> float:
+def normal_mean(
+    function: Callable[[Floats], Floats], *, rows: int = 1, corners: tuple[float, ...] = ()
+) -> float:
     """Mean of an even function of u, the root mean square of ``rows`` standard normal errors.
 
     ``corners`` are where the function has kinks.
@@ -200,7 +211,9 @@ def normal_mean(function: Callable[[Floats], Floats], *, rows: int = 1, corners:
     half = 0.5 * np.diff(edges)[:, None]
     u = edges[:-1, None] + half * (1.0 + _NODES)
     g = float(rows)
-    log_density = 0.5 * g * log(0.5 * g) - lgamma(0.5 * g) + log(2.0) + (g - 1.0) * np.log(u) - 0.5 * g * u**2
+    log_density = (
+        0.5 * g * log(0.5 * g) - lgamma(0.5 * g) + log(2.0) + (g - 1.0) * np.log(u) - 0.5 * g * u**2
+    )
     return float(np.sum(half * _NODE_WEIGHTS * np.exp(log_density) * function(u)))
 
 
@@ -226,7 +239,9 @@ _cached_efficiency = lru_cache(maxsize=1024)(_efficiency)
 
 @lru_cache(maxsize=256)
 def _tuned(loss: Any, wanted: float, rows: int) -> Any:
-    from scipy.optimize import brentq  # a tenth of a second that `import losbench` need not wait for
+    from scipy.optimize import (
+        brentq,  # a tenth of a second that `import losbench` need not wait for
+    )
 
     def scaled(log_factor: float) -> Any:
         constants = {name: value * exp(log_factor) for name, value in _constants(loss).items()}
@@ -238,5 +253,8 @@ def _tuned(loss: Any, wanted: float, rows: int) -> Any:
     low, high = -2.5, 2.0
     if not missing(low) < 0.0 < missing(high):
         reach = f"{missing(low) + wanted:.3f} to {missing(high) + wanted:.5f}"
-        raise ValueError(f"efficiency must be within what {type(loss).__name__} can have, {reach}, got {wanted:g}")
+        raise ValueError(
+            f"efficiency must be within what {type(loss).__name__} can have, {reach}, got "
+            f"{wanted:g}"
+        )
     return scaled(brentq(missing, low, high, xtol=1e-12))

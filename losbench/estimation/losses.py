@@ -1,9 +1,10 @@
 """Loss functions of robust regression, each a small object with its tuning constant.
 
-With u a residual over its scale: ``rho(u)`` is the loss, ``psi(u)`` its derivative, ``weights(u) = psi(u) / u`` what
-iteratively reweighted least squares multiplies a row by, and ``psi_deriv(u)`` what its covariance needs.
-`irls` asks for ``weights`` alone, so any object will do whose weights take arrays of any shape and are 1 at zero: the
-norms of statsmodels too, all but ``MQuantileNorm``, which takes one dimension only.
+With u a residual over its scale: ``rho(u)`` is the loss, ``psi(u)`` its derivative, ``weights(u) =
+psi(u) / u`` what iteratively reweighted least squares multiplies a row by, and ``psi_deriv(u)``
+what its covariance needs. `irls` asks for ``weights`` alone, so any object will do whose weights
+take arrays of any shape and are 1 at zero: the norms of statsmodels too, all but ``MQuantileNorm``,
+which takes one dimension only.
 """
 
 from __future__ import annotations
@@ -12,19 +13,18 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.checks import number
 
 __all__ = ["Bisquare", "Cauchy", "Hampel", "Huber", "Loss", "Welsch", "psi_deriv"]
 
-Floats = NDArray[np.float64]
 
 _FAR = 26.0  # exp(-26^2) is the last power of its kind that a double holds to full precision
 
 
 class Loss(Protocol):
-    """What `irls` asks of a loss."""
+    """What `irls` asks of a loss: weights of scaled residuals, both of one shape (...)."""
 
     def weights(self, u: Floats, /) -> Floats:
         """Weight of each scaled residual: 1 at u = 0, never NaN."""
@@ -32,7 +32,8 @@ class Loss(Protocol):
 
 @dataclass(frozen=True)
 class Huber:
-    """Huber's loss: squares up to ``c`` scales, straight lines beyond; monotone, so the start does not matter.
+    """Huber's loss: squares up to ``c`` scales, straight lines beyond; monotone, so the start does
+    not matter.
 
     Parameters
     ----------
@@ -74,12 +75,14 @@ class Huber:
 
 @dataclass(frozen=True)
 class Bisquare:
-    """Tukey's bisquare: beyond ``c`` scales a row counts for nothing; redescending, so the start decides.
+    """Tukey's bisquare: beyond ``c`` scales a row counts for nothing; redescending, so the start
+    decides.
 
     Parameters
     ----------
     c : float
-        Rejection point in scales; 4.685 keeps 95 % of the efficiency of least squares on normal errors.
+        Rejection point in scales; 4.685 keeps 95 % of the efficiency of least squares on normal
+        errors.
 
     Notes
     -----
@@ -119,17 +122,19 @@ class Bisquare:
 
 @dataclass(frozen=True)
 class Cauchy:
-    """Cauchy's loss: no row is ever rejected, but the farther the less its pull; redescending without an end.
+    """Cauchy's loss: no row is ever rejected, but the farther the less its pull; redescending
+    without an end.
 
     Parameters
     ----------
     c : float
-        Where the pull is greatest, in scales; 2.385 keeps 95 % of the efficiency of least squares on normal errors.
+        Where the pull is greatest, in scales; 2.385 keeps 95 % of the efficiency of least squares
+        on normal errors.
 
     Notes
     -----
-    weights(u) = 1 / (1 + (u/c)^2): the likelihood of Student's t with one degree of freedom; Holland and Welsch,
-    Comm. Statist. A 6, 813 (1977).
+    weights(u) = 1 / (1 + (u/c)^2): the likelihood of Student's t with one degree of freedom;
+    Holland and Welsch, Comm. Statist. A 6, 813 (1977).
 
     Examples
     --------
@@ -165,12 +170,14 @@ class Cauchy:
 
 @dataclass(frozen=True)
 class Welsch:
-    """Welsch's loss: a row's weight falls as a bell curve, smoothly and fast; redescending, so the start decides.
+    """Welsch's loss: a row's weight falls as a bell curve, smoothly and fast; redescending, so the
+    start decides.
 
     Parameters
     ----------
     c : float
-        Width of the bell in scales; 2.985 keeps 95 % of the efficiency of least squares on normal errors.
+        Width of the bell in scales; 2.985 keeps 95 % of the efficiency of least squares on normal
+        errors.
 
     Notes
     -----
@@ -210,18 +217,19 @@ class Welsch:
 
 @dataclass(frozen=True)
 class Hampel:
-    """Hampel's three-part loss: squares to ``a`` scales, full pull to ``b``, none beyond ``c``; redescending.
+    """Hampel's three-part loss: squares to ``a`` scales, full pull to ``b``, none beyond ``c``;
+    redescending.
 
     Parameters
     ----------
     a, b, c : float
-        Corners of psi in scales, 0 < a <= b < c; 0.9016 times (1.5, 3.5, 8) keeps 95 % of the efficiency of least
-        squares on normal errors.
+        Corners of psi in scales, 0 < a <= b < c; 0.9016 times (1.5, 3.5, 8) keeps 95 % of the
+        efficiency of least squares on normal errors.
 
     Notes
     -----
-    psi rises with slope 1 to ``a``, is level to ``b`` and falls to zero at ``c``: Hampel and others, Robust Statistics
-    (1986), section 2.6.
+    psi rises with slope 1 to ``a``, is level to ``b`` and falls to zero at ``c``: Hampel and
+    others, Robust Statistics (1986), section 2.6.
 
     Examples
     --------
@@ -237,7 +245,9 @@ class Hampel:
         for name in ("a", "b", "c"):
             _check_constant(getattr(self, name), name)
         if not self.a <= self.b < self.c:
-            raise ValueError(f"a, b, c must rise, a <= b < c, got {self.a:g}, {self.b:g}, {self.c:g}")
+            raise ValueError(
+                f"a, b, c must rise, a <= b < c, got {self.a:g}, {self.b:g}, {self.c:g}"
+            )
 
     def rho(self, u: Floats) -> Floats:
         """Loss, which levels off at a (b + c - a) / 2."""
@@ -258,7 +268,9 @@ class Hampel:
         """Slope of psi: 1, 0, -a / (c - b), 0."""
         size = np.abs(u)
         return np.where(
-            size <= self.a, 1.0, np.where((size > self.b) & (size < self.c), -self.a / (self.c - self.b), 0)
+            size <= self.a,
+            1.0,
+            np.where((size > self.b) & (size < self.c), -self.a / (self.c - self.b), 0),
         )
 
     def _fall(self, u: Floats) -> Floats:

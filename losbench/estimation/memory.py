@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from losbench.arrays import Floats, Ints
 
 __all__ = ["variance_sampling"]
 
-Floats = NDArray[np.float64]
 
-_MEAN_ROUNDS = 2  # the variance of the mean, put back, lengthens the memory, which changes the variance of the mean
+# the variance of the mean, put back, lengthens the memory, which changes the variance of the mean
+_MEAN_ROUNDS = 2
 
 
 def variance_sampling(series: Floats) -> tuple[Floats, Floats]:
-    """Return what the record's own mean took from the variance along axis 0, and the variance's standard error.
+    """Return what the record's own mean took from the variance along axis 0, and the variance's
+    standard error.
 
-    With the autocovariance C(k), summed up to where it first turns negative, the mean of n samples has the variance
-    v = (C(0) + 2 sum C(k)) / n, and the variance itself the variance 2 (C(0)^2 + 2 sum C(k)^2) / n for normal errors.
+    With the autocovariance C(k), summed up to where it first turns negative, the mean of n samples
+    has the variance v = (C(0) + 2 sum C(k)) / n, and the variance itself the variance 2 (C(0)^2 + 2
+    sum C(k)^2) / n for normal errors.
 
     Parameters
     ----------
@@ -42,7 +45,7 @@ def variance_sampling(series: Floats) -> tuple[Floats, Floats]:
     return lost, np.sqrt(2.0 * (2.0 * (kept**2).sum(axis=0) - kept[0] ** 2) / count)
 
 
-def _autocovariance(x: Floats) -> tuple[Floats, NDArray[np.int64]]:
+def _autocovariance(x: Floats) -> tuple[Floats, Ints]:
     """Autocovariance at every lag with pairs in it, and the number of samples."""
     present = ~np.isnan(x)
     centred = np.where(present, x - np.nanmean(x, axis=0), 0.0)
@@ -51,7 +54,9 @@ def _autocovariance(x: Floats) -> tuple[Floats, NDArray[np.int64]]:
         np.fft.irfft(np.abs(np.fft.rfft(series, size, axis=0)) ** 2, size, axis=0)[: len(x)]
         for series in (centred, present.astype(np.float64))
     )
-    return np.where(pairs > 0.5, products / np.maximum(pairs, 1.0), 0.0), np.count_nonzero(present, axis=0)
+    return np.where(pairs > 0.5, products / np.maximum(pairs, 1.0), 0.0), np.count_nonzero(
+        present, axis=0
+    )
 
 
 def _until_negative(covariance: Floats) -> Floats:

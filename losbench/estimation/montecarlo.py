@@ -36,8 +36,9 @@ def monte_carlo(
     seed : int
         Root of the streams: chunk k draws from child k of ``SeedSequence(seed)``.
     executor : optional
-        Anything with the ``map`` or ``submit`` of concurrent.futures: a pool of threads or processes, or what a dask
-        client's ``get_executor()`` returns. The result has the same bits with any of them, and with none.
+        Anything with the ``map`` or ``submit`` of concurrent.futures: a pool of threads or
+        processes, or what a dask client's ``get_executor()`` returns. The result has the same bits
+        with any of them, and with none.
     chunk : int
         Trials per call. It is part of the recipe: another chunk size draws other numbers.
     progress : bool
@@ -50,8 +51,8 @@ def monte_carlo(
     Raises
     ------
     ValueError
-        If a count is not a positive whole number, or a trial returns arrays of the wrong length or other names than
-        the first chunk.
+        If a count is not a positive whole number, or a trial returns arrays of the wrong length or
+        other names than the first chunk.
     TypeError
         If the executor has neither ``map`` nor ``submit``.
 
@@ -76,11 +77,16 @@ def monte_carlo(
 def _chunk(trial: Trial, stream: np.random.SeedSequence, size: int) -> dict[str, NDArray[Any]]:
     found = trial(np.random.default_rng(stream), size)
     if not isinstance(found, Mapping):
-        raise ValueError(f"trial must return a dict of arrays ({size}, ...), got {type(found).__name__}")
+        raise ValueError(
+            f"trial must return a dict of arrays ({size}, ...), got {type(found).__name__}"
+        )
     result = {name: np.asarray(values) for name, values in found.items()}
     for name, values in result.items():
         if values.shape[:1] != (size,):
-            raise ValueError(f"trial must return arrays ({size}, ...) for size={size}, got {name} with {values.shape}")
+            raise ValueError(
+                f"trial must return arrays ({size}, ...) for size={size}, got {name} with "
+                f"{values.shape}"
+            )
     return result
 
 
@@ -107,5 +113,7 @@ def _join(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
     names = list(parts[0])
     for part in parts:
         if set(part) != set(names):
-            raise ValueError(f"trial must return the same names every time, got {names} and {list(part)}")
+            raise ValueError(
+                f"trial must return the same names every time, got {names} and {list(part)}"
+            )
     return {name: np.concatenate([part[name] for part in parts]) for name in names}

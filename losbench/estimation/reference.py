@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats
 from losbench.checks import choice, finite
 
 __all__ = ["statsmodels_rlm"]
 
 
-def statsmodels_rlm(A: ArrayLike, y: ArrayLike, *, c: float = 1.345, scale: str = "mad") -> NDArray[np.float64]:
+def statsmodels_rlm(A: ArrayLike, y: ArrayLike, *, c: float = 1.345, scale: str = "mad") -> Floats:
     """Solve one system by statsmodels' RLM with Huber's loss, to convergence.
 
-    RLM's own stopping rule depends on the unit of y and its custom scale is broken in 0.14; both are put right here,
-    so that what differs from `irls` is the algorithm alone. A few milliseconds a system: it knows no batches.
+    RLM's own stopping rule depends on the unit of y and its custom scale is broken in 0.14; both
+    are put right here, so that what differs from `irls` is the algorithm alone. A few milliseconds
+    a system: it knows no batches.
 
     Parameters
     ----------
@@ -43,7 +45,7 @@ def statsmodels_rlm(A: ArrayLike, y: ArrayLike, *, c: float = 1.345, scale: str 
     from statsmodels.robust.robust_linear_model import RLM
 
     class PopulationScale(RLM):  # type: ignore[misc]
-        def _estimate_scale(self, resid: NDArray[np.float64], *_: object) -> float:
+        def _estimate_scale(self, resid: Floats, *_: object) -> float:
             return float(np.std(resid))
 
     kind = {"mad": RLM, "std": PopulationScale}[choice("scale", scale, ("mad", "std"))]

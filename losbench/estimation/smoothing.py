@@ -1,4 +1,6 @@
-"""Kalman filter and smoother for slowly drifting series of centroids or angles, on statsmodels' state space."""
+"""Kalman filter and smoother for slowly drifting series of centroids or angles, on statsmodels'
+state space.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +9,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Bools, Floats
 from losbench.checks import finite_or_nan, non_negative
 
 __all__ = ["Smoothed", "kalman_smooth"]
 
-Floats = NDArray[np.float64]
 
 _FEWEST = 4  # present samples: two for the unknown start, two to tell noise from motion
 _SAME_LIKELIHOOD = 1e-2
 _ROUNDING = 64 * np.finfo(float).eps
-_STARTS = ((1.0, 1e-3, 1e-5), (0.1, 1.0, 1e-2))  # variances of a noisy and of a restless series, normalised
+_STARTS = (
+    (1.0, 1e-3, 1e-5),
+    (0.1, 1.0, 1e-2),
+)  # variances of a noisy and of a restless series, normalised
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,8 @@ class Smoothed:
     Attributes
     ----------
     smoothed, smoothed_std : (n, ...) arrays, unit of the series
-        Level given all frames, and its standard error; missing frames are filled in, with the error this costs.
+        Level given all frames, and its standard error; missing frames are filled in, with the error
+        this costs.
     filtered, filtered_std : (n, ...) arrays, unit of the series
         Level given the frames so far; NaN until two samples have been seen.
     slope, slope_std : (n, ...) arrays, unit of the series per frame
@@ -38,8 +44,8 @@ class Smoothed:
     log_likelihood : (...) array
         Diffuse log likelihood: of what the samples say beyond the unknown start.
     converged : (...) bool array
-        Whether the variances are given or their likelihood found a maximum; False, with NaN everywhere, for a series
-        of fewer than 4 samples.
+        Whether the variances are given or their likelihood found a maximum; False, with NaN
+        everywhere, for a series of fewer than 4 samples.
     """
 
     smoothed: Floats
@@ -50,7 +56,7 @@ class Smoothed:
     slope_std: Floats
     variances: Floats
     log_likelihood: Floats
-    converged: NDArray[np.bool_]
+    converged: Bools
 
 
 def kalman_smooth(series: ArrayLike, *, variances: ArrayLike | None = None) -> Smoothed:
@@ -61,8 +67,8 @@ def kalman_smooth(series: ArrayLike, *, variances: ArrayLike | None = None) -> S
     series : (n, ...) array, any unit
         Evenly spaced samples along axis 0; NaN marks a missing frame. Each series is treated alone.
     variances : (3,) or (3, ...) array, unit of the series squared, optional
-        Variances of the measurement noise, the level's steps and the slope's steps, not all zero; found by maximum
-        likelihood otherwise.
+        Variances of the measurement noise, the level's steps and the slope's steps, not all zero;
+        found by maximum likelihood otherwise.
 
     Returns
     -------
@@ -71,13 +77,14 @@ def kalman_smooth(series: ArrayLike, *, variances: ArrayLike | None = None) -> S
     Raises
     ------
     ValueError
-        If ``series`` has fewer than 4 frames or holds an infinity, or ``variances`` has the wrong shape, a negative
-        value, or only zeros.
+        If ``series`` has fewer than 4 frames or holds an infinity, or ``variances`` has the wrong
+        shape, a negative value, or only zeros.
 
     Notes
     -----
-    y_t = m_t + e_t, m_(t+1) = m_t + b_t + u_t, b_(t+1) = b_t + v_t (Durbin and Koopman 2012, eq. 3.2), with exact
-    diffuse initialisation. A series is normalised before it is fitted, so its unit does not matter.
+    y_t = m_t + e_t, m_(t+1) = m_t + b_t + u_t, b_(t+1) = b_t + v_t (Durbin and Koopman 2012, eq.
+    3.2), with exact diffuse initialisation. A series is normalised before it is fitted, so its unit
+    does not matter.
 
     Examples
     --------
@@ -90,14 +97,25 @@ def kalman_smooth(series: ArrayLike, *, variances: ArrayLike | None = None) -> S
         raise ValueError(f"series must have at least {_FEWEST} frames, got shape {y.shape}")
     given = None if variances is None else _given(variances, y.shape[1:])
     columns = y.reshape(len(y), -1)
-    fits = [_smooth(column, None if given is None else given[:, k]) for k, column in enumerate(columns.T)]
+    fits = [
+        _smooth(column, None if given is None else given[:, k])
+        for k, column in enumerate(columns.T)
+    ]
     failed = sum(not fit.converged for fit in fits)
     if failed:
-        message = f"kalman_smooth: {failed} of {len(fits)} series are too short or did not converge, see .converged"
+        message = (
+            f"kalman_smooth: {failed} of {len(fits)} series are too short or did not converge, see "
+            ".converged"
+        )
         warnings.warn(message, RuntimeWarning, stacklevel=2)
     shape = y.shape[1:]
-    stacked = {name: np.stack([getattr(fit, name) for fit in fits], axis=-1) for name in Smoothed.__annotations__}
-    return Smoothed(**{name: values.reshape(values.shape[:-1] + shape) for name, values in stacked.items()})
+    stacked = {
+        name: np.stack([getattr(fit, name) for fit in fits], axis=-1)
+        for name in Smoothed.__annotations__
+    }
+    return Smoothed(
+        **{name: values.reshape(values.shape[:-1] + shape) for name, values in stacked.items()}
+    )
 
 
 def _given(variances: ArrayLike, shape: tuple[int, ...]) -> Floats:
@@ -116,7 +134,8 @@ def _smooth(y: Floats, variances: Floats | None) -> Smoothed:
     if len(present) < _FEWEST:
         return _nothing(len(y))
     offset = y[present[0]]
-    # Noise alone leaves steps of sqrt(2) of its size; on an exact line there is only rounding to normalise by.
+    # Noise alone leaves steps of sqrt(2) of its size; on an exact line there is only rounding to
+    # normalise by.
     slopes = np.diff(y[present]) / np.diff(present)
     rounding = _ROUNDING * float(np.abs(y[present]).max())
     exact = bool(np.ptp(slopes) <= rounding)
@@ -166,10 +185,17 @@ def _model(y: Floats) -> Any:
 
 
 def _most_likely(model: Any) -> tuple[Floats, bool]:
-    options = {"method": "lbfgs", "maxiter": 200, "disp": 0, "warn_convergence": False, "cov_type": "none"}
+    options = {
+        "method": "lbfgs",
+        "maxiter": 200,
+        "disp": 0,
+        "warn_convergence": False,
+        "cov_type": "none",
+    }
     fits = [model.fit(start, **options) for start in _STARTS]
     best = max(fits, key=lambda fit: fit.llf)
-    # A line search may fail on the last digits of a flat maximum; it is the maximum if another start has found it too.
+    # A line search may fail on the last digits of a flat maximum; it is the maximum if another
+    # start has found it too.
     equal = [fit for fit in fits if fit.llf > best.llf - _SAME_LIKELIHOOD]
     return np.asarray(best.params), any(fit.mle_retvals["converged"] for fit in equal)
 

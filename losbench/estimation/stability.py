@@ -1,8 +1,8 @@
 """Splitting the short-term error of a series into a slow part and noise: LSFE and NEA, three sigma.
 
-Low spatial frequency error (LSFE) is what a sliding mean keeps, noise equivalent angle (NEA) what changes from one
-sample to the next (ren2023, section 2.4). Series run along axis 0; NaN marks a missing sample, and neither a mean nor a
-difference reaches across it.
+Low spatial frequency error (LSFE) is what a sliding mean keeps, noise equivalent angle (NEA) what
+changes from one sample to the next (ren2023, section 2.4). Series run along axis 0; NaN marks a
+missing sample, and neither a mean nor a difference reaches across it.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats
 from losbench.checks import boolean, choice, finite, finite_or_nan, integer, shaped
 from losbench.estimation.memory import variance_sampling
 
 __all__ = ["ErrorSplit", "lsfe", "mark_gaps", "nea", "sliding_mean", "split_error"]
 
-Floats = NDArray[np.float64]
 Scale = Literal["std", "mad"]
 
 _MAD_TO_STD = 1.482602218505602
@@ -29,7 +29,8 @@ _CLIP = 4.0  # robust scales: beyond them a sample says nothing about the memory
 
 @dataclass(frozen=True)
 class ErrorSplit:
-    """Short-term error of a series, three sigma, each with its one-sigma sampling uncertainty; unit of the series.
+    """Short-term error of a series, three sigma, each with its one-sigma sampling uncertainty; unit
+    of the series.
 
     Attributes
     ----------
@@ -40,7 +41,8 @@ class ErrorSplit:
     window : int
         Samples of the sliding mean.
     unbiased : bool
-        Whether the paper's forms are corrected for what the mean leaks and for the record's finite length.
+        Whether the paper's forms are corrected for what the mean leaks and for the record's finite
+        length.
     """
 
     total: Floats
@@ -58,7 +60,9 @@ class ErrorSplit:
         return replace(self, **{name: getattr(self, name) / np.sqrt(2.0) for name in names})
 
 
-def lsfe(series: ArrayLike, *, window: int = 5, unbiased: bool = False, scale: Scale = "std") -> Floats:
+def lsfe(
+    series: ArrayLike, *, window: int = 5, unbiased: bool = False, scale: Scale = "std"
+) -> Floats:
     """Low spatial frequency error: three standard deviations of a sliding mean.
 
     Parameters
@@ -68,8 +72,9 @@ def lsfe(series: ArrayLike, *, window: int = 5, unbiased: bool = False, scale: S
     window : int
         Odd number of samples of the sliding mean; the ends, where it would not fit, are left out.
     unbiased : bool
-        The mean keeps sigma / sqrt(window) of white noise; True takes it out: LSFE^2 = LSFE_w^2 - NEA^2 / window, and
-        puts back what the record's own mean took away. 0 where the noise explains all that the mean keeps.
+        The mean keeps sigma / sqrt(window) of white noise; True takes it out: LSFE^2 = LSFE_w^2 -
+        NEA^2 / window, and puts back what the record's own mean took away. 0 where the noise
+        explains all that the mean keeps.
     scale : "std" or "mad"
         "mad" is robust: 1.4826 times the median absolute deviation.
 
@@ -110,13 +115,13 @@ def nea(
     series : (n, ...) array, any unit
         Evenly sampled readings; NaN marks a missing one.
     method : "difference" or "residual"
-        "difference": 3 rms(e[k+1] - e[k]) / sqrt(2), which is three times the Allan deviation at the sampling time.
-        "residual": 3 std(e - sliding mean).
+        "difference": 3 rms(e[k+1] - e[k]) / sqrt(2), which is three times the Allan deviation at
+        the sampling time. "residual": 3 std(e - sliding mean).
     window : int
         Samples of the sliding mean, for "residual".
     unbiased : bool
-        For "residual": restore what the mean took from the noise, sqrt(window / (window - 1)). The difference needs
-        no correction.
+        For "residual": restore what the mean took from the noise, sqrt(window / (window - 1)). The
+        difference needs no correction.
     scale : "std" or "mad"
         "mad" is robust against outliers.
 
@@ -149,7 +154,9 @@ def nea(
     return 3.0 * np.sqrt(gain * _variance(x[half : len(x) - half] - mean, scale))
 
 
-def split_error(series: ArrayLike, *, window: int = 5, unbiased: bool = False, scale: Scale = "std") -> ErrorSplit:
+def split_error(
+    series: ArrayLike, *, window: int = 5, unbiased: bool = False, scale: Scale = "std"
+) -> ErrorSplit:
     """Split the short-term error of a series into LSFE and NEA, with uncertainties.
 
     Parameters
@@ -168,12 +175,13 @@ def split_error(series: ArrayLike, *, window: int = 5, unbiased: bool = False, s
 
     Notes
     -----
-    A slow error of long memory has few independent values in a record, which biases and blurs its variance:
-    `losbench.estimation.memory.variance_sampling` says by how much, and ``unbiased`` puts back the bias. Below some
-    five memory lengths per record even that falls short. ``lsfe_sigma`` is taken from the same record: right on
-    average, but too small where the LSFE came out small. Over 1000 records of 2400 samples and a slow error correlated
-    as exp(-k^2 / (2 120^2)), (LSFE - truth) / ``lsfe_sigma`` has a standard deviation of 1.2, and two sigma hold the
-    truth in 90 % of records.
+    A slow error of long memory has few independent values in a record, which biases and blurs its
+    variance: `losbench.estimation.memory.variance_sampling` says by how much, and ``unbiased`` puts
+    back the bias. Below some five memory lengths per record even that falls short. ``lsfe_sigma``
+    is taken from the same record: right on average, but too small where the LSFE came out small.
+    Over 1000 records of 2400 samples and a slow error correlated as exp(-k^2 / (2 120^2)), (LSFE -
+    truth) / ``lsfe_sigma`` has a standard deviation of 1.2, and two sigma hold the truth in 90 % of
+    records.
 
     Examples
     --------
@@ -207,7 +215,8 @@ def split_error(series: ArrayLike, *, window: int = 5, unbiased: bool = False, s
 
 
 def sliding_mean(series: ArrayLike, window: int = 5) -> Floats:
-    """Centred mean of ``window`` samples along axis 0, (n - window + 1, ...); NaN where a sample is missing.
+    """Centred mean of ``window`` samples along axis 0, (n - window + 1, ...); NaN where a sample is
+    missing.
 
     >>> sliding_mean([1.0, 2.0, 6.0, 4.0], 3).tolist()
     [3.0, 4.0]
@@ -216,15 +225,20 @@ def sliding_mean(series: ArrayLike, window: int = 5) -> Floats:
     if integer("window", window, low=3) % 2 == 0:
         raise ValueError(f"window must be odd, so that its mean belongs to a sample, got {window}")
     if len(x) < window:
-        raise ValueError(f"series must hold at least {window} samples for a window of {window}, got {len(x)}")
+        raise ValueError(
+            f"series must hold at least {window} samples for a window of {window}, got {len(x)}"
+        )
     mean = sliding_window_view(x, window, axis=0).mean(axis=-1)
     if np.isnan(mean).all():
-        raise ValueError(f"series must hold a run of {window} samples without a gap for a window of {window}")
+        raise ValueError(
+            f"series must hold a run of {window} samples without a gap for a window of {window}"
+        )
     return mean
 
 
 def mark_gaps(time_s: ArrayLike, series: ArrayLike) -> Floats:
-    """Put one NaN row between any two samples that are not neighbours in time, so that nothing is taken across.
+    """Put one NaN row between any two samples that are not neighbours in time, so that nothing is
+    taken across.
 
     Parameters
     ----------
@@ -250,7 +264,10 @@ def mark_gaps(time_s: ArrayLike, series: ArrayLike) -> Floats:
     shaped("series", x, (len(t), *x.shape[1:]), why=f"to match {len(t)} times")
     step = np.diff(t)
     if (step <= 0).any():
-        raise ValueError(f"time_s must increase, but sample {int(np.argmax(step <= 0)) + 1} does not follow the last")
+        raise ValueError(
+            f"time_s must increase, but sample {int(np.argmax(step <= 0)) + 1} does not follow the "
+            "last"
+        )
     if len(t) < 3:
         return x
     return np.insert(x, np.flatnonzero(step > 1.5 * np.median(step)) + 1, np.nan, axis=0)
@@ -272,7 +289,9 @@ def _variance(x: Floats, scale: Scale) -> Floats:
 
 
 def _sampling(x: Floats, scale: Scale) -> tuple[Floats, Floats]:
-    """Variance that the record's own mean took away, and standard error of its variance, for the scale that is used."""
+    """Variance that the record's own mean took away, and standard error of its variance, for the
+    scale that is used.
+    """
     if scale == "mad":
         middle, spread = np.nanmedian(x, axis=0), np.sqrt(_variance(x, scale))
         x = np.clip(x, middle - _CLIP * spread, middle + _CLIP * spread)
@@ -285,6 +304,10 @@ def _efficiency(scale: Scale) -> float:
 
 
 def _root_error(variance: Floats, error: Floats) -> Floats:
-    """Error of 3 sqrt(variance); where the variance is lost in its own error, the root of that error."""
+    """Error of 3 sqrt(variance); where the variance is lost in its own error, the root of that
+    error.
+    """
     known = variance > error
-    return 3.0 * np.where(known, error / (2.0 * np.sqrt(np.where(known, variance, 1.0))), np.sqrt(error))
+    return 3.0 * np.where(
+        known, error / (2.0 * np.sqrt(np.where(known, variance, 1.0))), np.sqrt(error)
+    )

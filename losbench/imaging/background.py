@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from losbench.arrays import Bools, Floats, Pixels
+
 __all__ = ["RING", "PixelNoise", "RingPlane", "fit_ring", "gate_hot_pixels"]
 
-Floats = NDArray[np.float64]
-Pixels = NDArray[np.floating[Any]]
 
 RING = 4  # pixels, the ring's breadth
 _CLIP = 3.0
@@ -20,7 +20,8 @@ _KEPT_VARIANCE = 0.9733  # of a Gaussian cut at three sigma
 
 @dataclass(frozen=True)
 class RingPlane:
-    """Background of M spots, level + slope . (x, y) with (x, y) counted from the middle of the stamp.
+    """Background of M spots, level + slope . (x, y) with (x, y) counted from the middle of the
+    stamp.
 
     Parameters
     ----------
@@ -34,7 +35,8 @@ class RingPlane:
     slope_variance : (M, 2) array, 1 / pixel squared
         Variance of the slope in the same units.
     excess, excess_error : (M,) arrays, DN
-        How much brighter the innermost pixels of the ring are than its outermost, and the error of that.
+        How much brighter the innermost pixels of the ring are than its outermost, and the error of
+        that.
     """
 
     level: Floats
@@ -55,7 +57,8 @@ class RingPlane:
 
 @dataclass(frozen=True)
 class PixelNoise:
-    """Variance of the pixels of M windows, ``floor + per_dn * signal``, and of the background plane taken off them.
+    """Variance of the pixels of M windows, ``floor + per_dn * signal``, and of the background plane
+    taken off them.
 
     Parameters
     ----------
@@ -63,7 +66,8 @@ class PixelNoise:
     per_dn : float, DN
         Inverse of the gain; 0 if it is not known.
     plane : (M, 3) array
-        Variances of the plane's level, DN squared, and of its slopes along x and y, DN squared per pixel squared.
+        Variances of the plane's level, DN squared, and of its slopes along x and y, DN squared per
+        pixel squared.
     """
 
     floor: Floats
@@ -76,7 +80,8 @@ class PixelNoise:
 
 
 def fit_ring(stamps: Pixels, side: int) -> RingPlane:
-    """Fit a plane to the ring of four pixels around the middle ``side`` pixels, in two clipped passes.
+    """Fit a plane to the ring of four pixels around the middle ``side`` pixels, in two clipped
+    passes.
 
     Parameters
     ----------
@@ -90,15 +95,18 @@ def fit_ring(stamps: Pixels, side: int) -> RingPlane:
 
     Notes
     -----
-    Pixels are dropped beyond three sigma, first from the median, then from the plane, so that a neighbour or a hot
-    pixel in the ring does not tilt it. An untreated slope g moves a centroid by g N^4 / (12 (F - N S_edge)).
+    Pixels are dropped beyond three sigma, first from the median, then from the plane, so that a
+    neighbour or a hot pixel in the ring does not tilt it. An untreated slope g moves a centroid by
+    g N^4 / (12 (F - N S_edge)).
     """
     offset = np.arange(stamps.shape[1]) - stamps.shape[1] // 2
     distance = np.maximum(abs(offset)[:, None], abs(offset))
     row, column = np.nonzero((distance > side // 2) & (distance <= side // 2 + RING))
     values = stamps.reshape(len(stamps), -1).take(row * len(offset) + column, axis=1)
     reach = float(offset[-1])
-    basis = np.stack([np.ones(len(row)), offset[column] / reach, offset[row] / reach], axis=-1).astype(values.dtype)
+    basis = np.stack(
+        [np.ones(len(row)), offset[column] / reach, offset[row] / reach], axis=-1
+    ).astype(values.dtype)
 
     middle, scatter = _median_and_scatter(values[:, ::4])
     values -= middle[:, None]
@@ -107,7 +115,11 @@ def fit_ring(stamps: Pixels, side: int) -> RingPlane:
         values[~present] = 0.0
     fit = _fit(values, present & (np.abs(values) <= _CLIP * scatter[:, None]), basis)
     residual = values - fit.plane.astype(values.dtype) @ basis.T
-    fit = _fit(values, present & (np.abs(residual) <= _CLIP * fit.scatter.astype(values.dtype)[:, None]), basis)
+    fit = _fit(
+        values,
+        present & (np.abs(residual) <= _CLIP * fit.scatter.astype(values.dtype)[:, None]),
+        basis,
+    )
     edge = distance[row, column]
     inner, outer = edge == side // 2 + 1, edge == side // 2 + RING
     share = (inner / inner.sum() - outer / outer.sum()).astype(values.dtype)
@@ -138,8 +150,8 @@ def gate_hot_pixels(signal: Pixels, scatter: Floats) -> Pixels:
 
     Notes
     -----
-    A pixel stands out if it exceeds twice the median by five sigma. The peak of a spot does not, if its sigma is at
-    least 0.9 pixels; sharper spots must not be gated.
+    A pixel stands out if it exceeds twice the median by five sigma. The peak of a spot does not, if
+    its sigma is at least 0.9 pixels; sharper spots must not be gated.
     """
     import cv2
 
@@ -165,20 +177,23 @@ def _median_and_scatter(values: Pixels) -> tuple[Pixels, Pixels]:
         deviation = np.abs(values - middle[:, None])
         scatter = np.partition(deviation, half, axis=1)[:, half]
         mean = deviation.mean(axis=1)
-    # In a quiet ring of whole numbers most pixels equal the median; the mean deviation still sees the others.
+    # In a quiet ring of whole numbers most pixels equal the median; the mean deviation still sees
+    # the others.
     return middle, np.maximum(1.4826 * scatter, mean / _CLIP)
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """Plane (M, 3), inverse normal matrix (M, 3, 3) and scatter about the plane (M,); NaN where nothing was kept."""
+    """Plane (M, 3), inverse normal matrix (M, 3, 3) and scatter about the plane (M,); NaN where
+    nothing was kept.
+    """
 
     plane: Floats
     inverse: Floats
     scatter: Floats
 
 
-def _fit(values: Pixels, keep: NDArray[np.bool_], basis: Pixels) -> _Fit:
+def _fit(values: Pixels, keep: Bools, basis: Pixels) -> _Fit:
     """Least-squares plane through the kept pixels of each spot."""
     one, x, y = basis.T
     kept = keep.astype(values.dtype)
@@ -194,9 +209,12 @@ def _fit(values: Pixels, keep: NDArray[np.bool_], basis: Pixels) -> _Fit:
 
 
 def _inverse_normal(sums: Floats) -> Floats:
-    """Inverse normal matrix of the plane 1, x, y from the sums of 1, x, y, xx, xy, yy, by cofactors."""
+    """Inverse normal matrix of the plane 1, x, y from the sums of 1, x, y, xx, xy, yy, by
+    cofactors.
+    """
     n, sx, sy, sxx, sxy, syy = sums.T
-    # Enough to invert what a corner of a frame or an empty ring leaves, too little to matter elsewhere.
+    # Enough to invert what a corner of a frame or an empty ring leaves, too little to matter
+    # elsewhere.
     n, sxx, syy = n + 1e-6, sxx + 1e-6, syy + 1e-6
     adjugate = np.array(
         [

@@ -1,4 +1,6 @@
-"""Centroids of many spots in many frames, with their errors and with what may be wrong about them."""
+"""Centroids of many spots in many frames, with their errors and with what may be wrong about
+them.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from losbench.arrays import Bools, Floats
 from losbench.checks import boolean, choice, finite, integer, number
 from losbench.imaging.background import RING
 from losbench.imaging.detector import Detector
@@ -18,7 +21,6 @@ from losbench.imaging.windows import measure_windows
 
 __all__ = ["centroid", "default_window", "window_path"]
 
-Floats = NDArray[np.float64]
 
 _BLOCK_PIXELS = 500_000  # of one block of stamps: a larger one gains little
 _TOLERANCE = {"error": 1e-3, "step": 5e-3}
@@ -46,44 +48,50 @@ def centroid(
     Parameters
     ----------
     frames : (F, H, W) or (H, W) array, DN
-        Any integer or float type; frames stay in it, only windows are converted. NaN marks a pixel that was not read.
+        Any integer or float type; frames stay in it, only windows are converted. NaN marks a pixel
+        that was not read.
     start : (n, 2) or (F, n, 2) array, pixels
         Where each spot is, to a pixel or so; NaN for a spot that is missing.
     method : "eiwa", "grey", "weighted" or "gaussian"
-        A window that moves until it is centred on its own centroid (liu2026, eq. 13-15), or one that stays (eq. 11-12):
-        these take a spot of any shape. For round spots, the optimal weighted centroid by a Gaussian template, which
-        reaches the Cramer-Rao bound, and a plain least-squares fit of a Gaussian to check against, some milliseconds a
-        spot.
+        A window that moves until it is centred on its own centroid (liu2026, eq. 13-15), or one
+        that stays (eq. 11-12): these take a spot of any shape. For round spots, the optimal
+        weighted centroid by a Gaussian template, which reaches the Cramer-Rao bound, and a plain
+        least-squares fit of a Gaussian to check against, some milliseconds a spot.
     window : odd int, pixels, optional
-        Side N of the window. By default the first odd N of at least six sigma (1.5 spot diameters of four sigma), one
-        for the whole call, from the median over the spots of `spot_sigma`.
+        Side N of the window. By default the first odd N of at least six sigma (1.5 spot diameters
+        of four sigma), one for the whole call, from the median over the spots of `spot_sigma`.
     sigma : float, (2,) or (n, 2) array, pixels, optional
-        Width of the template, or where the fit of it begins, along x and y. By default what fits best: the median over
-        frames for a spot that four frames show well, else the median of the call, weighted by information. One faint
-        or undersampled star does not tell its width.
+        Width of the template, or where the fit of it begins, along x and y. By default what fits
+        best: the median over frames for a spot that four frames show well, else the median of the
+        call, weighted by information. One faint or undersampled star does not tell its width.
     stop : "error" or "step"
-        EIWA only. "step" is the paper to the letter: stop when the centroid moves by less than 0.005 pixel. "error"
-        takes safeguarded Newton steps to the same fixed point, until the error that is left is below 0.001 pixel.
+        EIWA only. "step" is the paper to the letter: stop when the centroid moves by less than
+        0.005 pixel. "error" takes safeguarded Newton steps to the same fixed point, until the error
+        that is left is below 0.001 pixel.
     tolerance : float, pixels, optional
         In place of these 0.005 and 0.001; for weighted the last step.
     max_iter : int
         Evaluations of a window or template before it counts as not converged.
     centre : "start" or "peak", optional
-        Where the first window stands: on ``start``, or on the brightest pixel within a quarter of a window of it, frame
-        by frame. Default: "peak" for grey, as in the paper, else "start". A grey window stands on a whole pixel.
+        Where the first window stands: on ``start``, or on the brightest pixel within a quarter of a
+        window of it, frame by frame. Default: "peak" for grey, as in the paper, else "start". A
+        grey window stands on a whole pixel.
     background : "ring", "none" or float, DN
-        What is taken off: a plane through a ring of four pixels, nothing, or a number. Templates need the background
-        off, by one of these or before.
+        What is taken off: a plane through a ring of four pixels, nothing, or a number. Templates
+        need the background off, by one of these or before.
     ring : odd int, pixels, optional
-        Side of the square that the ring surrounds, by default the window. With a window below six sigma the spot's own
-        light would tilt the plane: give six sigma here.
+        Side of the square that the ring surrounds, by default the window. With a window below six
+        sigma the spot's own light would tilt the plane: give six sigma here.
     hot_pixel_gate : bool
-        Replace pixels that stand out of their 3 x 3 median. Not for spots with a sigma below 0.9 pixels.
+        Replace pixels that stand out of their 3 x 3 median. Not for spots with a sigma below 0.9
+        pixels.
     noise : Detector, optional
-        Gain, read noise and offset for the predicted errors. Without it every pixel is given the scatter of the ring,
-        which leaves out the shot noise of the spot itself: a lower bound for bright spots.
+        Gain, read noise and offset for the predicted errors. Without it every pixel is given the
+        scatter of the ring, which leaves out the shot noise of the spot itself: a lower bound for
+        bright spots.
     full_scale_dn : float, optional
-        Reading of a saturated pixel; by default that of ``noise``, else the largest number of an integer type.
+        Reading of a saturated pixel; by default that of ``noise``, else the largest number of an
+        integer type.
 
     Returns
     -------
@@ -110,13 +118,14 @@ def centroid(
     MISFIT        template and window, or their middles, differ by a tenth in light: wrong width or shape kept
     ============= ====================================================================================== ============
 
-    The error is the sandwich error of the equation sum w(c) (x - c) (I - B) = 0 with background plane B: the root of
-    sum w^2 (x - c)^2 V + (sum w (x - c)^2)^2 var(slope of B), over T (1 - kappa), with the variance V of a pixel, the
-    sum T of the window and the contraction kappa = N S_edge / T. A window that stays has no 1 - kappa, but is pulled by
-    kappa times its distance from the spot; that is added in quadrature, as is the error left by EIWA's stop rule. Pixel
-    response and the S-curve (about 1 mpx at six sigma) are not in it. The error of weighted is that of the information
-    in the window, the error of gaussian the sandwich error of its equal weights, both with the error of the plane;
-    neither knows how far a spot is from a Gaussian.
+    The error is the sandwich error of the equation sum w(c) (x - c) (I - B) = 0 with background
+    plane B: the root of sum w^2 (x - c)^2 V + (sum w (x - c)^2)^2 var(slope of B), over T (1 -
+    kappa), with the variance V of a pixel, the sum T of the window and the contraction kappa = N
+    S_edge / T. A window that stays has no 1 - kappa, but is pulled by kappa times its distance from
+    the spot; that is added in quadrature, as is the error left by EIWA's stop rule. Pixel response
+    and the S-curve (about 1 mpx at six sigma) are not in it. The error of weighted is that of the
+    information in the window, the error of gaussian the sandwich error of its equal weights, both
+    with the error of the plane; neither knows how far a spot is from a Gaussian.
 
     Examples
     --------
@@ -138,7 +147,9 @@ def centroid(
         window=side,
         ring=side if ring is None else _odd("ring", ring, side),
         stop=choice("stop", stop, ("error", "step")),
-        tolerance=number("tolerance", _TOLERANCE[stop] if tolerance is None else tolerance, low=1e-12),
+        tolerance=number(
+            "tolerance", _TOLERANCE[stop] if tolerance is None else tolerance, low=1e-12
+        ),
         max_iter=integer("max_iter", max_iter, low=1),
         background=_background(background),
         gate=boolean("hot_pixel_gate", hot_pixel_gate),
@@ -169,7 +180,8 @@ def centroid(
 
 
 def default_window(frames: ArrayLike, start: ArrayLike) -> int:
-    """First odd window of at least six sigma of the spots that the data show, or the largest that fits around a start.
+    """First odd window of at least six sigma of the spots that the data show, or the largest that
+    fits around a start.
 
     >>> from losbench import render_spots
     >>> default_window(render_spots([[30.2, 25.4]], 1e4, 2.0, (60, 70)), [[30, 25]])
@@ -229,7 +241,9 @@ def window_path(
         window=side,
         ring=side,
         stop=choice("stop", stop, ("error", "step")),
-        tolerance=number("tolerance", _TOLERANCE[stop] if tolerance is None else tolerance, low=1e-12),
+        tolerance=number(
+            "tolerance", _TOLERANCE[stop] if tolerance is None else tolerance, low=1e-12
+        ),
         max_iter=integer("max_iter", max_iter, low=1),
         background=_background(background),
         gate=False,
@@ -239,7 +253,9 @@ def window_path(
     )
     frame, _, middle = in_frame(stack, place)
     if len(frame) != 1 or len(stack) != 1:
-        raise ValueError(f"start must be one point within one image, got {np.asarray(start).tolist()}")
+        raise ValueError(
+            f"start must be one point within one image, got {np.asarray(start).tolist()}"
+        )
     path: list[Floats] = []
     measure_windows(stack, frame, middle, place[0], how, path=path)
     return np.concatenate(path)
@@ -249,15 +265,22 @@ def _window(stack: NDArray[Any], places: Floats, window: int | None) -> int:
     side = default_window(stack, places) if window is None else _odd("window", window, 3)
     rows, columns = stack.shape[1:]
     if side > min(rows, columns):
-        raise ValueError(f"window of {side} x {side} pixels does not fit into frames of {rows} x {columns} pixels")
+        raise ValueError(
+            f"window of {side} x {side} pixels does not fit into frames of {rows} x {columns} "
+            "pixels"
+        )
     return side
 
 
 def _sigma(sigma: ArrayLike, n_spots: int, window: int) -> Floats:
     given = finite("sigma", sigma)
-    if given.shape not in ((), (2,), (n_spots, 2)) or not ((given >= 0.1) & (given <= window)).all():
+    if (
+        given.shape not in ((), (2,), (n_spots, 2))
+        or not ((given >= 0.1) & (given <= window)).all()
+    ):
         raise ValueError(
-            f"sigma must be a number, two or ({n_spots}, 2), of 0.1 to {window} pixels, the window, got {sigma!r}"
+            f"sigma must be a number, two or ({n_spots}, 2), of 0.1 to {window} pixels, the "
+            f"window, got {sigma!r}"
         )
     return np.broadcast_to(given, (n_spots, 2)).copy()
 
@@ -283,7 +306,7 @@ def _full_scale(stack: NDArray[Any], noise: Detector | None, given: float | None
     return float(np.iinfo(stack.dtype).max) if stack.dtype.kind in "ui" else np.inf
 
 
-def _crowded(places: Floats, window: int) -> NDArray[np.bool_]:
+def _crowded(places: Floats, window: int) -> Bools:
     """Spots (F, n) with another start within one window."""
     gap = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
     gap[:, np.arange(gap.shape[1]), np.arange(gap.shape[1])] = np.inf

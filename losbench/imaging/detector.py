@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
+from losbench.arrays import Floats
 from losbench.checks import finite, generator, integer, non_negative, number, positive, shaped
 from losbench.parameters import from_table, read_toml, to_table
 
 __all__ = ["Detector"]
-
-Floats = NDArray[np.float64]
 
 
 _MOST_E = 1e18  # what can be counted in 64 bits
@@ -38,7 +37,8 @@ class Detector:
     bits : int
         Bits of the converter, 8 to 16; readings are clipped at 2**bits - 1.
     prnu : float
-        Pixel response non-uniformity: relative standard deviation of the pixels' sensitivity, a fixed pattern.
+        Pixel response non-uniformity: relative standard deviation of the pixels' sensitivity, a
+        fixed pattern.
     prnu_seed : int
         Which pattern. Pixel (x, y) of the sensor has the same response whatever window is exposed.
     hot_pixels : tuple of (x, y, electrons)
@@ -76,10 +76,15 @@ class Detector:
         number("prnu", self.prnu, low=0, high=0.5)
         integer("prnu_seed", self.prnu_seed, low=0, high=2**63)
         if not isinstance(self.hot_pixels, tuple | list):
-            raise ValueError(f"hot_pixels must be a tuple of (x, y, electrons), got {self.hot_pixels!r}")
+            raise ValueError(
+                f"hot_pixels must be a tuple of (x, y, electrons), got {self.hot_pixels!r}"
+            )
         for pixel in self.hot_pixels:
             if not _is_hot_pixel(pixel):
-                raise ValueError(f"hot_pixels must be (x, y, electrons) with electrons of at least 0, got {pixel!r}")
+                raise ValueError(
+                    "hot_pixels must be (x, y, electrons) with electrons of at least 0, got "
+                    f"{pixel!r}"
+                )
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Self | None:
@@ -88,7 +93,8 @@ class Detector:
         Raises
         ------
         ValueError
-            Naming the file, if it is not TOML, or the table has an unknown key or a value that does not fit.
+            Naming the file, if it is not TOML, or the table has an unknown key or a value that does
+            not fit.
         """
         table = read_toml(path).get("detector")
         return None if table is None else from_table(cls, table, where=f"{path} [detector]")
@@ -99,13 +105,20 @@ class Detector:
 
     @property
     def full_scale_dn(self) -> float:
-        """Reading of a saturated pixel: the full well, or the end of the converter if that comes first."""
+        """Reading of a saturated pixel: the full well, or the end of the converter if that comes
+        first.
+        """
         return min(2.0**self.bits - 1.0, self.offset_dn + self.full_well_e / self.gain_e_per_dn)
 
     def variance_dn(self, reading_dn: ArrayLike) -> Floats:
-        """Variance of a reading, DN squared: shot noise, read noise and rounding; linear in the reading, any shape.
+        """Variance of a reading, DN squared: shot noise, read noise and rounding; linear in the
+        reading, any shape.
 
-        >>> float(Detector(gain_e_per_dn=2.0, read_noise_e=4.0, offset_dn=10.0).variance_dn(110.0).round(3))
+        >>> float(
+        ...     Detector(gain_e_per_dn=2.0, read_noise_e=4.0, offset_dn=10.0)
+        ...     .variance_dn(110.0)
+        ...     .round(3)
+        ... )
         54.083
         """
         shot = (np.asarray(reading_dn, dtype=np.float64) - self.offset_dn) / self.gain_e_per_dn
@@ -123,7 +136,8 @@ class Detector:
         rng : numpy Generator or seed
             Source of shot noise and read noise.
         origin : (2,) or (..., 2) whole numbers
-            Sensor coordinates (x, y) of the window's first pixel, which place the fixed pattern and the hot pixels.
+            Sensor coordinates (x, y) of the window's first pixel, which place the fixed pattern and
+            the hot pixels.
 
         Returns
         -------
@@ -139,12 +153,16 @@ class Detector:
         if expected.size and not (expected.min() >= 0 and expected.max() < np.inf):
             non_negative("electrons", expected)
         if expected.size and expected.max() > _MOST_E:
-            raise ValueError(f"electrons must be at most {_MOST_E:g} a pixel, got {expected.max():g}")
+            raise ValueError(
+                f"electrons must be at most {_MOST_E:g} a pixel, got {expected.max():g}"
+            )
         corner = finite("origin", origin)
         shaped("origin", corner, ("...", 2))
         random = generator("rng", rng)
 
-        counts = random.poisson(self._collected(expected, np.broadcast_to(corner, (*expected.shape[:-2], 2))))
+        counts = random.poisson(
+            self._collected(expected, np.broadcast_to(corner, (*expected.shape[:-2], 2)))
+        )
         # Single precision resolves 1/100 of a DN over 16 bits and halves the cost of a full frame.
         reading = random.standard_normal(expected.shape, dtype=np.float32)
         reading *= self.read_noise_e
@@ -158,23 +176,34 @@ class Detector:
     def _collected(self, expected: Floats, corner: Floats) -> Floats:
         """Expected electrons after pixel response and hot pixels."""
         if self.prnu:
-            expected = expected * np.maximum(0.0, 1.0 + self.prnu * self._response_pattern(expected.shape, corner))
+            expected = expected * np.maximum(
+                0.0, 1.0 + self.prnu * self._response_pattern(expected.shape, corner)
+            )
         if self.hot_pixels:
             frames = expected.reshape(-1, *expected.shape[-2:]).copy()
             corners = corner.reshape(-1, 2)
             for x, y, extra in self.hot_pixels:
                 column, row = (np.rint((x, y) - corners).astype(int)).T
-                inside = (column >= 0) & (column < frames.shape[2]) & (row >= 0) & (row < frames.shape[1])
+                inside = (
+                    (column >= 0)
+                    & (column < frames.shape[2])
+                    & (row >= 0)
+                    & (row < frames.shape[1])
+                )
                 frames[inside.nonzero()[0], row[inside], column[inside]] += extra
             expected = frames.reshape(expected.shape)
         return expected
 
     def _response_pattern(self, shape: tuple[int, ...], corner: Floats) -> Floats:
-        """Standard normal number of each sensor pixel, a hash of seed and place: the same in any window."""
+        """Standard normal number of each sensor pixel, a hash of seed and place: the same in any
+        window.
+        """
         place = np.rint(corner).astype(np.int64)
         x = (place[..., 0, None, None] + np.arange(shape[-1])).astype(np.uint64)
         y = (place[..., 1, None, None] + np.arange(shape[-2])[:, None]).astype(np.uint64)
-        mixed = _splitmix64(_splitmix64(_splitmix64(np.array([self.prnu_seed], dtype=np.uint64)) ^ y) ^ x)
+        mixed = _splitmix64(
+            _splitmix64(_splitmix64(np.array([self.prnu_seed], dtype=np.uint64)) ^ y) ^ x
+        )
         return ndtri(((mixed >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53)
 
 

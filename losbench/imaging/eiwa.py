@@ -1,8 +1,10 @@
-"""The window centroids of liu2026: the grey-weighted one (eq. 11-12) and EIWA, which moves its window (eq. 13-15).
+"""The window centroids of liu2026: the grey-weighted one (eq. 11-12) and EIWA, which moves its
+window (eq. 13-15).
 
-EIWA is the virtual-window centre of mass of Berglund et al. 2008 (Opt. Express 16, 14064). A window of N x N pixels is
-centred on the last centroid; its edges fall between pixel borders, and an edge pixel counts by the fraction that lies
-inside. The centroid of the window is the next centre, until it moves no more.
+EIWA is the virtual-window centre of mass of Berglund et al. 2008 (Opt. Express 16, 14064). A window
+of N x N pixels is centred on the last centroid; its edges fall between pixel borders, and an edge
+pixel counts by the fraction that lies inside. The centroid of the window is the next centre, until
+it moves no more.
 
 Here M spots move at once. Positions are counted from the middle of each stamp, x first.
 """
@@ -10,24 +12,26 @@ Here M spots move at once. Positions are counted from the middle of each stamp, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
 
 __all__ = ["NEWTON_LIMIT", "Look", "WindowFit", "eiwa", "grey", "look", "spread"]
 
-Floats = NDArray[np.float64]
-Pixels = NDArray[np.floating[Any]]
 
 NEWTON_LIMIT = 0.85  # contraction beyond which extrapolation amplifies noise more than it helps
 _LONGEST_STEP = 1.0  # pixels
-_NEWTON_LEAVES = 0.1  # part of a Newton step that may be left after it: the contraction's own change and noise
+_NEWTON_LEAVES = (
+    0.1  # part of a Newton step that may be left after it: the contraction's own change and noise
+)
 
 
 @dataclass(frozen=True)
 class Look:
-    """What one window sees: total (M,), its centroid (M, 2) and how far the centroid follows the window, (M, 2)."""
+    """What one window sees: total (M,), its centroid (M, 2) and how far the centroid follows the
+    window, (M, 2).
+    """
 
     total: Floats
     centroid: Floats
@@ -36,24 +40,27 @@ class Look:
 
 @dataclass(frozen=True)
 class WindowFit:
-    """Where M windows came to rest: centroid and the error that is left (M, 2), evaluations, at rest or not (M,).
+    """Where M windows came to rest: centroid and the error that is left (M, 2), evaluations, at
+    rest or not (M,).
 
     ``seen`` is what each window saw when it was last evaluated.
     """
 
     centroid: Floats
     remaining: Floats
-    n_iter: NDArray[np.int64]
-    converged: NDArray[np.bool_]
+    n_iter: Ints
+    converged: Bools
     seen: Look
 
 
 def look(pixels: Pixels, centre: Floats, window: int) -> Look:
-    """Sum and centroid of a window (eq. 13-14), and the derivative of the centroid by the window's centre.
+    """Sum and centroid of a window (eq. 13-14), and the derivative of the centroid by the window's
+    centre.
 
-    The centroid is m = sum w x I / sum w I over weights w that are 1 inside, 0 outside and the overlapping fraction on
-    the edge. Moving the window by dc lets the column at its right edge in and the one at its left edge out, so that
-    dm/dc = ((x_right - m) S_right + (m - x_left) S_left) / T, about N S_edge / T.
+    The centroid is m = sum w x I / sum w I over weights w that are 1 inside, 0 outside and the
+    overlapping fraction on the edge. Moving the window by dc lets the column at its right edge in
+    and the one at its left edge out, so that dm/dc = ((x_right - m) S_right + (m - x_left) S_left)
+    / T, about N S_edge / T.
     """
     offset = np.arange(pixels.shape[2]) - pixels.shape[2] // 2
     weight = _overlap(offset, centre, window)
@@ -67,7 +74,9 @@ def look(pixels: Pixels, centre: Floats, window: int) -> Look:
 
 
 def grey(pixels: Pixels, centre: Floats, window: int) -> WindowFit:
-    """Centroid of a window that stays where it is (eq. 11-12); what is left is its pull, contraction * (centre - m)."""
+    """Centroid of a window that stays where it is (eq. 11-12); what is left is its pull,
+    contraction * (centre - m).
+    """
     seen = look(pixels, centre, window)
     pull = seen.contraction * (centre - seen.centroid)
     measured = np.isfinite(seen.centroid).sum(axis=1) == 2
@@ -93,9 +102,10 @@ def eiwa(
     start : (M, 2) array, pixels
     window : int, pixels
     stop : "step" or "error"
-        "step" is the paper's rule: replace the centre by the centroid and stop once it moves by less than the
-        tolerance, eq. (15). What is left then is contraction / (1 - contraction) times the last step. "error" takes
-        Newton steps to the same fixed point, step / (1 - contraction), and stops once what is left is below it.
+        "step" is the paper's rule: replace the centre by the centroid and stop once it moves by
+        less than the tolerance, eq. (15). What is left then is contraction / (1 - contraction)
+        times the last step. "error" takes Newton steps to the same fixed point, step / (1 -
+        contraction), and stops once what is left is below it.
     tolerance : float, pixels
     max_iter : int
     path : list, optional
@@ -104,7 +114,8 @@ def eiwa(
     Returns
     -------
     WindowFit
-        A window that leaves the middle pixel of its stamp by more than a pixel stops there, not converged.
+        A window that leaves the middle pixel of its stamp by more than a pixel stops there, not
+        converged.
     """
     centre = start.copy()
     remaining, contraction = np.full_like(centre, np.nan), np.full_like(centre, np.nan)
@@ -115,7 +126,9 @@ def eiwa(
     if path is not None:
         path.append(centre.copy())
     for k in range(max_iter):
-        seen = look(pixels if moving.size == len(pixels) else pixels[moving], centre[moving], window)
+        seen = look(
+            pixels if moving.size == len(pixels) else pixels[moving], centre[moving], window
+        )
         step = seen.centroid - centre[moving]
         ahead = step / np.maximum(1.0 - seen.contraction, 1.0 - NEWTON_LIMIT)
         if stop == "step":
@@ -139,10 +152,14 @@ def eiwa(
     return WindowFit(centre, remaining, n_iter, converged, Look(total, centre, contraction))
 
 
-def spread(pixels: Pixels, centre: Floats, window: int, floor: Floats, per_dn: float) -> tuple[Floats, Floats]:
-    """Variance of the sum of a window, and of its first moment about the centre, for independent pixels.
+def spread(
+    pixels: Pixels, centre: Floats, window: int, floor: Floats, per_dn: float
+) -> tuple[Floats, Floats]:
+    """Variance of the sum of a window, and of its first moment about the centre, for independent
+    pixels.
 
-    The variance of a pixel is ``floor + per_dn * pixel``: (M,) DN squared, and DN per DN (the inverse of the gain).
+    The variance of a pixel is ``floor + per_dn * pixel``: (M,) DN squared, and DN per DN (the
+    inverse of the gain).
 
     Returns
     -------
@@ -159,8 +176,10 @@ def spread(pixels: Pixels, centre: Floats, window: int, floor: Floats, per_dn: f
     return np.einsum("mk,mk->m", sums[:, 0], square[:, 0]), np.einsum("mak,mak->ma", sums, arm)
 
 
-def _overlap(offset: NDArray[np.intp], centre: Floats, window: int) -> Floats:
-    """Fraction of each pixel column and row that lies within half a window of the centre, (M, 2, S)."""
+def _overlap(offset: Indices, centre: Floats, window: int) -> Floats:
+    """Fraction of each pixel column and row that lies within half a window of the centre, (M, 2,
+    S).
+    """
     return np.clip(0.5 * (window + 1) - np.abs(offset - centre[:, :, None]), 0.0, 1.0)
 
 
@@ -174,10 +193,14 @@ def _column_and_row_sums(pixels: Pixels, weight: Floats) -> Floats:
 
 
 def _edge_pull(sums: Floats, centre: Floats, centroid: Floats, window: int) -> Floats:
-    """Numerator of the contraction, from the sums of the two pixel columns (and rows) that the edges cross."""
+    """Numerator of the contraction, from the sums of the two pixel columns (and rows) that the
+    edges cross.
+    """
     middle = sums.shape[2] // 2
     left = np.floor(np.nan_to_num(centre) - 0.5 * (window - 1)).clip(-middle, middle - window)
     right = left + window
     place = left.astype(np.intp) + middle
     spot, axis = np.arange(len(sums))[:, None], np.array([0, 1])
-    return (right - centroid) * sums[spot, axis, place + window] + (centroid - left) * sums[spot, axis, place]
+    return (right - centroid) * sums[spot, axis, place + window] + (centroid - left) * sums[
+        spot, axis, place
+    ]

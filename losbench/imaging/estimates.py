@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from losbench.arrays import Bools, Floats, Ints, Pixels
 from losbench.imaging.background import PixelNoise
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import NEWTON_LIMIT, WindowFit, eiwa, grey, spread
@@ -15,8 +14,6 @@ from losbench.imaging.template import TemplateFit, gaussian, weighted
 
 __all__ = ["TEMPLATES", "Choices", "Estimate", "estimate"]
 
-Floats = NDArray[np.float64]
-Pixels = NDArray[np.floating[Any]]
 
 TEMPLATES = ("weighted", "gaussian")
 
@@ -42,19 +39,20 @@ class Choices:
 class Estimate:
     """Centroids of M windows, counted from the middle of their stamps.
 
-    Centroid and its error (M, 2), flux and its error (M,), evaluations, converged or not, the middle of the window
-    (M, 2), whether the centroid follows its window more than the spot, and whether a template does not fit it.
+    Centroid and its error (M, 2), flux and its error (M,), evaluations, converged or not, the
+    middle of the window (M, 2), whether the centroid follows its window more than the spot, and
+    whether a template does not fit it.
     """
 
     centroid: Floats
     sigma: Floats
     flux: Floats
     sigma_flux: Floats
-    n_iter: NDArray[np.int64]
-    converged: NDArray[np.bool_]
+    n_iter: Ints
+    converged: Bools
     middle: Floats
-    slow: NDArray[np.bool_]
-    misfit: NDArray[np.bool_]
+    slow: Bools
+    misfit: Bools
 
 
 def estimate(
@@ -66,10 +64,11 @@ def estimate(
     width: Floats | None = None,
     path: list[Floats] | None = None,
 ) -> Estimate:
-    """Measure M stamps without background (M, window + 2, window + 2) from starts (M, 2) near their middles.
+    """Measure M stamps without background (M, window + 2, window + 2) from starts (M, 2) near their
+    middles.
 
-    The methods with a template need its ``width`` (M, 2). ``path`` receives the centres of every iteration of EIWA,
-    the start included.
+    The methods with a template need its ``width`` (M, 2). ``path`` receives the centres of every
+    iteration of EIWA, the start included.
     """
     if width is not None:
         return _of_template(np.ascontiguousarray(signal[:, 1:-1, 1:-1]), start, width, noise, how)
@@ -80,9 +79,13 @@ def estimate(
     return _of_window(signal, fit, noise, how)
 
 
-def _of_template(window: Pixels, start: Floats, width: Floats, noise: PixelNoise, how: Choices) -> Estimate:
+def _of_template(
+    window: Pixels, start: Floats, width: Floats, noise: PixelNoise, how: Choices
+) -> Estimate:
     if how.method == "weighted":
-        fit: TemplateFit = weighted(window, start, width, noise, tolerance=how.tolerance, max_iter=how.max_iter)
+        fit: TemplateFit = weighted(
+            window, start, width, noise, tolerance=how.tolerance, max_iter=how.max_iter
+        )
     else:
         fit = gaussian(window, start, width, noise, max_iter=how.max_iter)
     return Estimate(**vars(fit), middle=np.zeros_like(start), slow=np.zeros(len(start), dtype=bool))

@@ -8,17 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from losbench.arrays import Bools, Floats, Indices
 from losbench.checks import integer, number, shaped
 
 __all__ = ["find_spots"]
 
-Floats = NDArray[np.float64]
 
 _SAMPLES = 2048  # enough for a median to 3 % of the noise
 _BAND = 8  # rows that are rejected together
 _STAMP = 1024  # pixels; what is smaller is a stamp
-_DIP = 0.8  # two peaks are two spots if the saddle between them falls below this part of the fainter one
-_CROSS = 0.3  # the four neighbours of a real spot's only bright pixel hold at least this part of its light
+# two peaks are two spots if the saddle between them falls below this part of the fainter one
+_DIP = 0.8
+# the four neighbours of a real spot's only bright pixel hold at least this part of its light
+_CROSS = 0.3
 _STEPS = np.linspace(0.0, 1.0, 17)[:, None, None]
 
 
@@ -32,13 +34,15 @@ def find_spots(image: ArrayLike, n: int | None = None, threshold: float = 8.0) -
     n : int, optional
         How many spots to return; all that were found if not given.
     threshold : float
-        How far a pixel must stand above the background, in standard deviations of its noise, to belong to a spot.
+        How far a pixel must stand above the background, in standard deviations of its noise, to
+        belong to a spot.
 
     Returns
     -------
     (n, 2) array, pixels
-        Centre of mass (x, y) of each spot's bright pixels: a start for `centroid`, not a measurement. Brightest means
-        most light above the background. Shape (0, 2) where nothing stands out.
+        Centre of mass (x, y) of each spot's bright pixels: a start for `centroid`, not a
+        measurement. Brightest means most light above the background. Shape (0, 2) where nothing
+        stands out.
 
     Raises
     ------
@@ -47,11 +51,12 @@ def find_spots(image: ArrayLike, n: int | None = None, threshold: float = 8.0) -
 
     Notes
     -----
-    Background and noise are median and 1.4826 MAD of a regular sample of some 2048 pixels; in a stamp of up to 1024
-    pixels they come from its darker half. Bands of eight rows, then columns, then rows are rejected by their maximum,
-    and only what is left is grouped. Touching spots are told apart where the saddle between their peaks, after a 3 x 3
-    mean, is below 0.8 of the fainter peak. A lone bright pixel whose four neighbours hold less than 0.3 of its light is
-    a hot pixel, and left out.
+    Background and noise are median and 1.4826 MAD of a regular sample of some 2048 pixels; in a
+    stamp of up to 1024 pixels they come from its darker half. Bands of eight rows, then columns,
+    then rows are rejected by their maximum, and only what is left is grouped. Touching spots are
+    told apart where the saddle between their peaks, after a 3 x 3 mean, is below 0.8 of the fainter
+    peak. A lone bright pixel whose four neighbours hold less than 0.3 of its light is a hot pixel,
+    and left out.
 
     Examples
     --------
@@ -73,13 +78,18 @@ def find_spots(image: ArrayLike, n: int | None = None, threshold: float = 8.0) -
         present = np.isfinite(pixels)
         pixels = np.where(present, pixels, np.median(pixels[present]) if present.any() else 0.0)
     # First the pass over the frame, so that the sample finds it in the cache.
-    band_maxima = np.maximum.reduceat(pixels.ravel(), np.arange(0, pixels.size, _BAND * pixels.shape[1]))
+    band_maxima = np.maximum.reduceat(
+        pixels.ravel(), np.arange(0, pixels.size, _BAND * pixels.shape[1])
+    )
     background, noise = _sampled_background(pixels)
 
     found = []
     for rows, columns in _bright_boxes(pixels, band_maxima, background + cut * noise):
         signal = pixels[rows, columns].astype(np.float64) - background
-        found += [(x + columns.start, y + rows.start, light) for x, y, light in _spots_in(signal, cut * noise)]
+        found += [
+            (x + columns.start, y + rows.start, light)
+            for x, y, light in _spots_in(signal, cut * noise)
+        ]
     if wanted is not None and len(found) < wanted:
         raise ValueError(f"found {len(found)} of the {wanted} spots asked for at threshold {cut:g}")
     found.sort(key=lambda spot: -spot[2])
@@ -107,7 +117,9 @@ def _median(values: Floats) -> float:
     return float(np.partition(values, middle)[middle])
 
 
-def _bright_boxes(pixels: NDArray[Any], band_maxima: NDArray[Any], level: float) -> Iterator[tuple[slice, slice]]:
+def _bright_boxes(
+    pixels: NDArray[Any], band_maxima: NDArray[Any], level: float
+) -> Iterator[tuple[slice, slice]]:
     """Boxes, two pixels wider than what exceeds the level in them."""
     for band in _runs(np.repeat(band_maxima > level, _BAND)[: len(pixels)]):
         for columns in _runs(pixels[band].max(axis=0) > level):
@@ -115,7 +127,7 @@ def _bright_boxes(pixels: NDArray[Any], band_maxima: NDArray[Any], level: float)
                 yield slice(band.start + rows.start, band.start + rows.stop), columns
 
 
-def _runs(bright: NDArray[np.bool_]) -> Iterator[slice]:
+def _runs(bright: Bools) -> Iterator[slice]:
     """Runs of True, two wider on both sides; runs that then meet are one."""
     places = np.flatnonzero(bright)
     if places.size:
@@ -135,12 +147,18 @@ def _spots_in(signal: Floats, cut: float) -> Iterator[tuple[float, float, float]
     candidate = np.where(bright, smooth, -np.inf)
     peaks = np.argwhere(bright & (candidate == _filter3(candidate, np.maximum)))
     centres = _separate_peaks(smooth, peaks)
-    owner = ((row[:, None] - centres[:, 0]) ** 2 + (column[:, None] - centres[:, 1]) ** 2).argmin(axis=1)
+    owner = ((row[:, None] - centres[:, 0]) ** 2 + (column[:, None] - centres[:, 1]) ** 2).argmin(
+        axis=1
+    )
     for spot in range(len(centres)):
         mine = owner == spot
         total = float(light[mine].sum())
         if np.count_nonzero(mine) > 1 or not _is_hot(signal, row[mine], column[mine]):
-            yield float(light[mine] @ column[mine]) / total, float(light[mine] @ row[mine]) / total, total
+            yield (
+                float(light[mine] @ column[mine]) / total,
+                float(light[mine] @ row[mine]) / total,
+                total,
+            )
 
 
 def _filter3(image: Floats, combine: np.ufunc) -> Floats:
@@ -154,8 +172,10 @@ def _filter3(image: Floats, combine: np.ufunc) -> Floats:
     return across
 
 
-def _separate_peaks(smooth: Floats, peaks: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Keep the peaks that no path above ``_DIP`` of their height joins to a higher one; highest first."""
+def _separate_peaks(smooth: Floats, peaks: Indices) -> Indices:
+    """Keep the peaks that no path above ``_DIP`` of their height joins to a higher one; highest
+    first.
+    """
     if len(peaks) < 2:
         return peaks
     height = smooth[peaks[:, 0], peaks[:, 1]]
@@ -172,14 +192,18 @@ def _separate_peaks(smooth: Floats, peaks: NDArray[np.intp]) -> NDArray[np.intp]
     return peaks[kept]
 
 
-def _island(above: NDArray[np.bool_], seed: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _island(above: Bools, seed: Indices) -> Bools:
     from scipy import ndimage
 
     labels, _ = ndimage.label(above, np.ones((3, 3)))
     return labels == labels[tuple(seed)]
 
 
-def _is_hot(signal: Floats, row: NDArray[np.intp], column: NDArray[np.intp]) -> bool:
+def _is_hot(signal: Floats, row: Indices, column: Indices) -> bool:
     y, x = int(row[0]), int(column[0])
-    cross = signal[max(0, y - 1) : y + 2, x].sum() + signal[y, max(0, x - 1) : x + 2].sum() - 2.0 * signal[y, x]
+    cross = (
+        signal[max(0, y - 1) : y + 2, x].sum()
+        + signal[y, max(0, x - 1) : x + 2].sum()
+        - 2.0 * signal[y, x]
+    )
     return bool(cross < _CROSS * signal[y, x])

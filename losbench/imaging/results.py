@@ -1,4 +1,6 @@
-"""What centroiding returns: a place, its error, and what may be wrong with it, for every spot of every frame."""
+"""What centroiding returns: a place, its error, and what may be wrong with it, for every spot of
+every frame.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +9,13 @@ from enum import IntFlag
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from losbench.arrays import Floats, Ints
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["Centroids", "SpotFlag", "all_missing", "only_frame"]
-
-Floats = NDArray[np.float64]
 
 
 class SpotFlag(IntFlag):
@@ -56,15 +57,16 @@ class Centroids:
     window : int, pixels
         Side of the window that was used.
     width_px : (n, 2) array or None
-        Sigma of each spot's template along x and y, as given or found; None for the methods that have no template.
+        Sigma of each spot's template along x and y, as given or found; None for the methods that
+        have no template.
     """
 
     xy: Floats
     sigma_xy: Floats
     flux: Floats
     background: Floats
-    n_iter: NDArray[np.int64]
-    flags: NDArray[np.int64]
+    n_iter: Ints
+    flags: Ints
     window: int
     width_px: Floats | None = None
 
@@ -75,7 +77,10 @@ class Centroids:
         shape = self.flux.shape if self.flux.ndim == 2 else (1, *self.flux.shape)
         frame, spot = np.indices(shape)
         xy, sigma = self.xy.reshape(-1, 2), self.sigma_xy.reshape(-1, 2)
-        words = {bits: "|".join(flag.name or "" for flag in SpotFlag(bits)) for bits in np.unique(self.flags).tolist()}
+        words = {
+            bits: "|".join(flag.name or "" for flag in SpotFlag(bits))
+            for bits in np.unique(self.flags).tolist()
+        }
         columns = {
             "frame": frame.ravel(),
             "spot": spot.ravel(),

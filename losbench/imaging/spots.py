@@ -1,16 +1,17 @@
-"""Round or elliptical spots as a pixel grid collects them: the light of each pixel integrated, not sampled."""
+"""Round or elliptical spots as a pixel grid collects them: the light of each pixel integrated, not
+sampled.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import erf
 
+from losbench.arrays import Floats
 from losbench.checks import finite, integer, non_negative, positive, shaped
 
 __all__ = ["render_spots", "render_streaks"]
-
-Floats = NDArray[np.float64]
 
 
 def render_spots(
@@ -46,8 +47,9 @@ def render_spots(
 
     Notes
     -----
-    Pixel (i, j) collects flux * X_j * Y_i with X_j = (E(j + 1/2) - E(j - 1/2)) / 2, E(u) = erf((u - x) / (sqrt2 sx)),
-    and Y_i likewise: the error function is needed at pixel edges only, and an image is a sum of outer products.
+    Pixel (i, j) collects flux * X_j * Y_i with X_j = (E(j + 1/2) - E(j - 1/2)) / 2, E(u) = erf((u -
+    x) / (sqrt2 sx)), and Y_i likewise: the error function is needed at pixel edges only, and an
+    image is a sum of outer products.
 
     Examples
     --------
@@ -86,7 +88,8 @@ def render_streaks(
     Parameters
     ----------
     tracks : (..., n, S, 2) array, pixels
-        Where each of the n spots of an image is at S moments, close enough for the spots to overlap.
+        Where each of the n spots of an image is at S moments, close enough for the spots to
+        overlap.
     share : (S,) array
         Part of the exposure that each moment stands for.
     flux, sigma, shape, origin
@@ -113,11 +116,15 @@ def render_streaks(
     light = _fitting("flux", non_negative("flux", flux), path.shape[:-2])
     width = np.broadcast_to(positive("sigma", sigma), (2,))
     spots = path.reshape(*path.shape[:-3], -1, 2)
-    return render_spots(spots, (light[..., None] * part).reshape(spots.shape[:-1]), width, shape, origin)
+    return render_spots(
+        spots, (light[..., None] * part).reshape(spots.shape[:-1]), width, shape, origin
+    )
 
 
 def _pixel_shares(centre: Floats, sigma: Floats, n_pixels: int) -> Floats:
-    """Fraction of each spot's light that each of the pixels 0 ... n_pixels - 1 along one axis collects."""
+    """Fraction of each spot's light that each of the pixels 0 ... n_pixels - 1 along one axis
+    collects.
+    """
     edges = np.arange(n_pixels + 1) - 0.5
     return 0.5 * np.diff(erf((edges - centre[..., None]) / (np.sqrt(2.0) * sigma[..., None])))
 
@@ -126,4 +133,6 @@ def _fitting(name: str, value: Floats, shape: tuple[int, ...]) -> Floats:
     try:
         return np.broadcast_to(value, shape)
     except ValueError:
-        raise ValueError(f"{name} must broadcast to {shape} to match xy, got shape {value.shape}") from None
+        raise ValueError(
+            f"{name} must broadcast to {shape} to match xy, got shape {value.shape}"
+        ) from None

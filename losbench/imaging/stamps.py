@@ -1,4 +1,6 @@
-"""Small windows cut out of whole frames: the only pixels that centroiding ever converts or copies."""
+"""Small windows cut out of whole frames: the only pixels that centroiding ever converts or
+copies.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +10,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from losbench.arrays import Floats, Indices, Pixels
 from losbench.checks import integer
 
 __all__ = ["as_stack", "as_starts", "cut_stamps", "evenly", "in_frame", "peak_pixels", "spot_sigma"]
 
-Floats = NDArray[np.float64]
-Pixels = NDArray[np.floating[Any]]
 
 _SIGMA_REACH = 20  # pixels around a spot that its width is read from
 _SIGMA_FRAMES = 16
@@ -21,7 +22,9 @@ _SIGMA_SPOTS = 64
 
 
 def as_stack(frames: ArrayLike) -> NDArray[Any]:
-    """Return frames as (F, H, W), in their own type, masked pixels as NaN; raise if they are no images or none."""
+    """Return frames as (F, H, W), in their own type, masked pixels as NaN; raise if they are no
+    images or none.
+    """
     if isinstance(frames, np.ma.MaskedArray):
         of_type = np.result_type(frames.dtype, np.float32)
         stack = np.where(np.ma.getmaskarray(frames), np.nan, np.ma.getdata(frames)).astype(of_type)
@@ -42,12 +45,13 @@ def as_starts(name: str, start: ArrayLike, n_frames: int) -> Floats:
     fits = xy.ndim in (2, 3) and xy.shape[-1] == 2 and xy.size > 0
     if not fits or (xy.ndim == 3 and xy.shape[0] != n_frames):
         raise ValueError(
-            f"{name} must have shape (n, 2) or ({n_frames}, n, 2) to match {n_frames} frames, got {xy.shape}"
+            f"{name} must have shape (n, 2) or ({n_frames}, n, 2) to match {n_frames} frames, got "
+            f"{xy.shape}"
         )
     return np.broadcast_to(np.where(np.isfinite(xy), xy, np.nan), (n_frames, *xy.shape[-2:]))
 
 
-def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.intp], reach: int) -> Pixels:
+def cut_stamps(stack: NDArray[Any], frame: Indices, centre: Indices, reach: int) -> Pixels:
     """Cut M square stamps of ``2 * reach + 1`` pixels around whole-pixel centres.
 
     Parameters
@@ -62,7 +66,8 @@ def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.
     Returns
     -------
     (M, 2 reach + 1, 2 reach + 1) array
-        NaN where a stamp reaches beyond the frame. Single precision for integers of up to 16 bits and for float32.
+        NaN where a stamp reaches beyond the frame. Single precision for integers of up to 16 bits
+        and for float32.
     """
     size = 2 * reach + 1
     corner = centre - reach
@@ -76,7 +81,11 @@ def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.
     if outside.size:
         x = corner[outside, 0, None] + np.arange(size)
         y = corner[outside, 1, None] + np.arange(size)
-        pixels = stack[frame[outside, None, None], y.clip(0, rows - 1)[:, :, None], x.clip(0, columns - 1)[:, None, :]]
+        pixels = stack[
+            frame[outside, None, None],
+            y.clip(0, rows - 1)[:, :, None],
+            x.clip(0, columns - 1)[:, None, :],
+        ]
         present = ((y >= 0) & (y < rows))[:, :, None] & ((x >= 0) & (x < columns))[:, None, :]
         stamps[outside] = np.where(present, pixels, np.nan)
     if stack.dtype.kind == "f" and np.isinf(stamps).any():
@@ -85,7 +94,8 @@ def cut_stamps(stack: NDArray[Any], frame: NDArray[np.intp], centre: NDArray[np.
 
 
 def peak_pixels(frames: ArrayLike, near: ArrayLike, radius: int) -> Floats:
-    """Brightest pixel near each given position, frame by frame: a start for `centroid` when spots wander.
+    """Brightest pixel near each given position, frame by frame: a start for `centroid` when spots
+    wander.
 
     Parameters
     ----------
@@ -98,7 +108,8 @@ def peak_pixels(frames: ArrayLike, near: ArrayLike, radius: int) -> Floats:
     Returns
     -------
     (F, n, 2) or (n, 2) array, pixels
-        Whole numbers (x, y); NaN where ``near`` is NaN or outside the frame, or no pixel there was read.
+        Whole numbers (x, y); NaN where ``near`` is NaN or outside the frame, or no pixel there was
+        read.
 
     Raises
     ------
@@ -125,15 +136,19 @@ def peak_pixels(frames: ArrayLike, near: ArrayLike, radius: int) -> Floats:
     return peaks if np.ndim(frames) == 3 else peaks[0]
 
 
-def in_frame(stack: NDArray[Any], places: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Frame number, spot number and nearest pixel of the places that are not NaN and lie within their frame."""
+def in_frame(stack: NDArray[Any], places: Floats) -> tuple[Indices, Indices, Indices]:
+    """Frame number, spot number and nearest pixel of the places that are not NaN and lie within
+    their frame.
+    """
     nearest = np.rint(np.nan_to_num(places, nan=-1.0)).clip(-1, 2**31).astype(np.intp)
-    inside = ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=-1) & ~np.isnan(places).any(axis=-1)
+    inside = ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=-1) & ~np.isnan(places).any(
+        axis=-1
+    )
     frame, spot = np.nonzero(inside)
     return frame, spot, nearest[inside]
 
 
-def evenly(count: int, most: int) -> NDArray[np.intp]:
+def evenly(count: int, most: int) -> Indices:
     """Up to ``most`` of ``count`` places, evenly spread from the first to the last.
 
     >>> evenly(9, 3).tolist(), evenly(2, 5).tolist(), evenly(0, 5).tolist()
@@ -143,10 +158,12 @@ def evenly(count: int, most: int) -> NDArray[np.intp]:
 
 
 def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
-    """Width of the spots, in pixels: the median over up to 64 of the Gaussian sigma of their bright part's wider axis.
+    """Width of the spots, in pixels: the median over up to 64 of the Gaussian sigma of their bright
+    part's wider axis.
 
-    Each spot is averaged over up to 16 frames. What exceeds a third of its peak, and is connected with it, is weighted
-    by that excess; its second moment about its own centre is a known part of a Gaussian's. NaN if no spot is seen.
+    Each spot is averaged over up to 16 frames. What exceeds a third of its peak, and is connected
+    with it, is weighted by that excess; its second moment about its own centre is a known part of a
+    Gaussian's. NaN if no spot is seen.
 
     >>> from losbench import render_spots
     >>> round(spot_sigma(render_spots([[30.2, 25.4]], 1e4, 2.0, (60, 70)), [[30.0, 25.0]]), 1)
@@ -180,12 +197,13 @@ def _bright_sigma(stamps: Pixels) -> float:
     excess = np.where(groups == groups[top[0] + 10, top[1] + 10], signal - part * peak, 0.0)
     place = np.arange(len(signal))
     variance = max(_variance(excess.sum(axis=axis), place) for axis in (0, 1))
-    # Second moment of exp(-u) - t within u < q = ln(1/t), u = r^2 / (2 sigma^2), in units of sigma^2; Sheppard's 1/12.
+    # Second moment of exp(-u) - t within u < q = ln(1/t), u = r^2 / (2 sigma^2), in units of
+    # sigma^2; Sheppard's 1/12.
     q = -np.log(part)
     gaussian = (1 - part * (1 + q + q**2 / 2)) / (1 - part - part * q)
     return float(np.sqrt(max(variance / gaussian - 1.0 / 12.0, 0.04)))
 
 
-def _variance(weight: Floats, place: NDArray[np.intp]) -> float:
+def _variance(weight: Floats, place: Indices) -> float:
     centre = weight @ place / weight.sum()
     return float(weight @ (place - centre) ** 2 / weight.sum())

@@ -1,25 +1,27 @@
-"""Centroids by a Gaussian template: the optimal weighted one, and the least-squares fit to check it against.
+"""Centroids by a Gaussian template: the optimal weighted one, and the least-squares fit to check it
+against.
 
-The light of a spot in a pixel is A g, with the flux A and the integral g of a Gaussian over that pixel. A centroid that
-weights each pixel by the inverse of its variance V = V0 + A g / gain has the least error that any can have, the bound
-of Cramer and Rao, as long as the spot is such a Gaussian and its width is known. It is the fixed point of weighted
-least squares of the reading on g and its two slopes,
+The light of a spot in a pixel is A g, with the flux A and the integral g of a Gaussian over that
+pixel. A centroid that weights each pixel by the inverse of its variance V = V0 + A g / gain has the
+least error that any can have, the bound of Cramer and Rao, as long as the spot is such a Gaussian
+and its width is known. It is the fixed point of weighted least squares of the reading on g and its
+two slopes,
 
     d = A g + a dg/dx + b dg/dy,    centre <- centre + (a, b) / A,
 
-the scoring steps of Fisher, of which about three are enough. Here M spots are fitted at once. Positions are counted
-from the middle of each stamp, x first.
+the scoring steps of Fisher, of which about three are enough. Here M spots are fitted at once.
+Positions are counted from the middle of each stamp, x first.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from losbench.arrays import Bools, Floats, Ints, Pixels
 from losbench.imaging.background import PixelNoise
 
 if TYPE_CHECKING:
@@ -27,8 +29,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FittedWidths", "TemplateFit", "fitted_widths", "gaussian", "weighted"]
 
-Floats = NDArray[np.float64]
-Pixels = NDArray[np.floating[Any]]
 
 _LONGEST_STEP = 1.0  # pixels
 _NARROWEST = 0.3  # pixels of sigma
@@ -41,17 +41,17 @@ _SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
 class TemplateFit:
     """Fits of M spots.
 
-    Centroid and its error (M, 2); flux and its error, evaluations, converged or not, and whether the template does not
-    fit, each (M,).
+    Centroid and its error (M, 2); flux and its error, evaluations, converged or not, and whether
+    the template does not fit, each (M,).
     """
 
     centroid: Floats
     sigma: Floats
     flux: Floats
     sigma_flux: Floats
-    n_iter: NDArray[np.int64]
-    converged: NDArray[np.bool_]
-    misfit: NDArray[np.bool_]
+    n_iter: Ints
+    converged: Bools
+    misfit: Bools
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,16 @@ class FittedWidths:
 
 
 def weighted(
-    pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, tolerance: float, max_iter: int
+    pixels: Pixels,
+    start: Floats,
+    width: Floats,
+    noise: PixelNoise,
+    *,
+    tolerance: float,
+    max_iter: int,
 ) -> TemplateFit:
-    """Fit flux and place of a Gaussian of known width to M stamps, each pixel weighted by its inverse variance.
+    """Fit flux and place of a Gaussian of known width to M stamps, each pixel weighted by its
+    inverse variance.
 
     Parameters
     ----------
@@ -82,7 +89,8 @@ def weighted(
     Returns
     -------
     TemplateFit
-        With the information error. A fit that leaves the middle pixel by more than a pixel stops there, not converged.
+        With the information error. A fit that leaves the middle pixel by more than a pixel stops
+        there, not converged.
     """
     count = len(pixels)
     centre, flux = start.copy(), pixels.sum(axis=(1, 2), dtype=np.float64)
@@ -105,11 +113,16 @@ def weighted(
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = np.sqrt(variance[:, 1:]) / np.where(flux > 0, flux, np.nan)[:, None]
     misfit = _misfits(pixels, centre, flux, width, noise)
-    return TemplateFit(centre, sigma, flux, np.sqrt(variance[:, 0]), n_iter, converged & (flux > 0), misfit)
+    return TemplateFit(
+        centre, sigma, flux, np.sqrt(variance[:, 0]), n_iter, converged & (flux > 0), misfit
+    )
 
 
-def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, max_iter: int) -> TemplateFit:
-    """Fit flux, place and both widths of a Gaussian to M stamps by unweighted least squares, one after the other.
+def gaussian(
+    pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, max_iter: int
+) -> TemplateFit:
+    """Fit flux, place and both widths of a Gaussian to M stamps by unweighted least squares, one
+    after the other.
 
     Parameters
     ----------
@@ -137,7 +150,9 @@ def gaussian(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *,
         pull = np.linalg.pinv(np.asarray(fit.jac))
         model = fit.fun + data.ravel() / unit
         of_pixels = noise.floor[k] / unit**2 + noise.per_dn / unit * np.maximum(model, 0.0)
-        spread = pull**2 @ of_pixels + (pull @ _plane_basis(len(data)).T) ** 2 @ (noise.plane[k] / unit**2)
+        spread = pull**2 @ of_pixels + (pull @ _plane_basis(len(data)).T) ** 2 @ (
+            noise.plane[k] / unit**2
+        )
         values[k], variance[k], n_iter[k] = fit.x, spread[:3], fit.nfev
         values[k, 0], variance[k, 0] = unit * fit.x[0], unit**2 * spread[0]
         converged[k] = fit.success and fit.x[0] > 0
@@ -167,8 +182,12 @@ def _least_squares(data: Floats, start: Floats, width: Floats, max_iter: int) ->
     return least_squares(misfit, first, jac=slopes, x_scale="jac", max_nfev=max_iter)
 
 
-def fitted_widths(pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, steps: int = 12) -> FittedWidths:
-    """Fit flux, place and both widths of M spots by weighted least squares, from a first guess ``width`` (2,)."""
+def fitted_widths(
+    pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, steps: int = 12
+) -> FittedWidths:
+    """Fit flux, place and both widths of M spots by weighted least squares, from a first guess
+    ``width`` (2,).
+    """
     reach = pixels.shape[1] / 3.0
     centre, flux = np.clip(start, -reach, reach), pixels.sum(axis=(1, 2), dtype=np.float64)
     each = np.broadcast_to(width, centre.shape).copy()
@@ -185,8 +204,11 @@ def fitted_widths(pixels: Pixels, start: Floats, width: Floats, noise: PixelNois
     return FittedWidths(each, np.clip(significance, 0.0, None))
 
 
-def _misfits(pixels: Pixels, centre: Floats, flux: Floats, width: Floats, noise: PixelNoise) -> NDArray[np.bool_]:
-    """Whether a template's light is not that of its window, or of the window's middle, half as wide, (M,).
+def _misfits(
+    pixels: Pixels, centre: Floats, flux: Floats, width: Floats, noise: PixelNoise
+) -> Bools:
+    """Whether a template's light is not that of its window, or of the window's middle, half as
+    wide, (M,).
 
     There a wrong width or shape shows.
     """
@@ -196,8 +218,14 @@ def _misfits(pixels: Pixels, centre: Floats, flux: Floats, width: Floats, noise:
         half, count = side / 2 - border, (side - 2 * border) ** 2
         part = slice(border, side - border)
         total = pixels[:, part, part].sum(axis=(1, 2), dtype=np.float64)
-        held = flux * np.prod(ndtr((half - centre) / width) - ndtr((-half - centre) / width), axis=1)
-        variance = count * noise.floor + noise.per_dn * np.maximum(total, 0.0) + count**2 * noise.plane[:, 0]
+        held = flux * np.prod(
+            ndtr((half - centre) / width) - ndtr((-half - centre) / width), axis=1
+        )
+        variance = (
+            count * noise.floor
+            + noise.per_dn * np.maximum(total, 0.0)
+            + count**2 * noise.plane[:, 0]
+        )
         with np.errstate(invalid="ignore"):
             misfit |= np.abs(held - total) > _MISFIT * np.abs(total) + _SURE * np.sqrt(variance)
     return misfit
@@ -212,7 +240,9 @@ class _Solved:
 
 
 def _weighted_fit(columns: Pixels, pixels: Pixels, flux: Floats, noise: PixelNoise) -> _Solved:
-    """Least squares of pixels on columns (M, p, S * S), the first of which is g, weighted by the inverse variance."""
+    """Least squares of pixels on columns (M, p, S * S), the first of which is g, weighted by the
+    inverse variance.
+    """
     shot = noise.per_dn * np.maximum(np.nan_to_num(flux), 0.0)
     unit = noise.floor + shot
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -223,27 +253,40 @@ def _weighted_fit(columns: Pixels, pixels: Pixels, flux: Floats, noise: PixelNoi
     inverse = np.linalg.inv(normal + 1e-12 * np.eye(normal.shape[-1]))
     values = (inverse @ (pulled @ pixels.reshape(len(pixels), -1, 1)))[:, :, 0]
     basis = _plane_basis(pixels.shape[1]).T.astype(columns.dtype)
-    of_plane = inverse[:, :3] @ (pulled.reshape(-1, len(basis)) @ basis).reshape(*pulled.shape[:2], 3)
+    of_plane = inverse[:, :3] @ (pulled.reshape(-1, len(basis)) @ basis).reshape(
+        *pulled.shape[:2], 3
+    )
     errors = unit[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :3]
     return _Solved(values, errors + np.einsum("mij,mj->mi", of_plane**2, noise.plane))
 
 
 def _step(values: Floats) -> Floats:
-    """Step of the centre from the coefficients of g and its slopes; none where there is no light."""
+    """Step of the centre from the coefficients of g and its slopes; none where there is no
+    light.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         step = np.where(values[:, :1] > 0, values[:, 1:3] / values[:, :1], 0.0)
     return np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
 
 
 def _columns(pixels: Pixels, centre: Floats, width: Floats, *, widths: bool = False) -> Pixels:
-    """Template g, its slopes by x and y and, if asked, by the logarithm of its widths, (M, 3 or 5, S * S)."""
+    """Template g, its slopes by x and y and, if asked, by the logarithm of its widths, (M, 3 or 5,
+    S * S).
+    """
     side = pixels.shape[1]
     sigma = np.broadcast_to(width, centre.shape)[:, :, None]
     edges = (np.arange(side + 1) - side / 2 - centre[:, :, None]) / sigma
     bell = np.exp(-0.5 * edges**2) / _SQUARE_ROOT_2_PI
-    profiles = [np.diff(ndtr(edges)), -np.diff(bell) / sigma, *([-np.diff(edges * bell)] if widths else [])]
+    profiles = [
+        np.diff(ndtr(edges)),
+        -np.diff(bell) / sigma,
+        *([-np.diff(edges * bell)] if widths else []),
+    ]
     inside, *slopes = (profile.astype(pixels.dtype) for profile in profiles)
-    pairs = [(inside, inside), *(pair for slope in slopes for pair in ((slope, inside), (inside, slope)))]
+    pairs = [
+        (inside, inside),
+        *(pair for slope in slopes for pair in ((slope, inside), (inside, slope))),
+    ]
     columns = np.empty((len(centre), len(pairs), side, side), dtype=pixels.dtype)
     for place, (along_x, along_y) in enumerate(pairs):
         np.multiply(along_y[:, 1, :, None], along_x[:, 0, None, :], out=columns[:, place])

@@ -8,19 +8,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
 from losbench.imaging.background import RING, PixelNoise, RingPlane, fit_ring, gate_hot_pixels
 from losbench.imaging.eiwa import look
 from losbench.imaging.estimates import Choices, Estimate, estimate
 from losbench.imaging.results import SpotFlag
 from losbench.imaging.stamps import cut_stamps
 
-__all__ = ["Measured", "Stamps", "cut_windows", "level_of", "measure_windows", "pixel_noise", "saturated"]
+__all__ = [
+    "Measured",
+    "Stamps",
+    "cut_windows",
+    "level_of",
+    "measure_windows",
+    "pixel_noise",
+    "saturated",
+]
 
-Floats = NDArray[np.float64]
-Pixels = NDArray[np.floating[Any]]
-Whole = NDArray[np.intp]
 
-_OFF_CENTRE = 0.6  # pixels; over a half, so that a centroid near a pixel border is not cut back and forth
+_OFF_CENTRE = (
+    0.6  # pixels; over a half, so that a centroid near a pixel border is not cut back and forth
+)
 _FAINTEST = 5.0  # flux in units of its error
 _PLATEAU = 5  # pixels
 _LEAK = 0.01  # of the peak
@@ -35,24 +43,26 @@ class Measured:
     sigma_xy: Floats
     flux: Floats
     background: Floats
-    n_iter: NDArray[np.int64]
-    flags: NDArray[np.int64]
+    n_iter: Ints
+    flags: Ints
 
 
 @dataclass(frozen=True)
 class Stamps:
-    """Windows ready to be weighed: what was read, the background under it, what is left, and what was not read."""
+    """Windows ready to be weighed: what was read, the background under it, what is left, and what
+    was not read.
+    """
 
     raw: Pixels
     signal: Pixels
-    missing: NDArray[np.bool_] | None
+    missing: Bools | None
     plane: RingPlane
 
 
 def measure_windows(
     stack: NDArray[Any],
-    frame: Whole,
-    middle: Whole,
+    frame: Indices,
+    middle: Indices,
     start: Floats,
     how: Choices,
     *,
@@ -61,17 +71,20 @@ def measure_windows(
     path: list[Floats] | None = None,
     recuts: int = 10,
 ) -> Measured:
-    """Measure M spots: frame numbers (M,), whole pixels to cut around (M, 2) and starts (M, 2) in frame pixels.
+    """Measure M spots: frame numbers (M,), whole pixels to cut around (M, 2) and starts (M, 2) in
+    frame pixels.
 
-    The methods with a template need its ``width`` (M, 2). A window that leaves the middle pixel of its stamp, or comes
-    to rest off it while the ring does not, is cut anew around where it is ``now``. ``path`` receives the centres (M, 2)
-    of every iteration.
+    The methods with a template need its ``width`` (M, 2). A window that leaves the middle pixel of
+    its stamp, or comes to rest off it while the ring does not, is cut anew around where it is
+    ``now``. ``path`` receives the centres (M, 2) of every iteration.
     """
     stamps = cut_windows(stack, frame, middle, how)
     level = level_of(stamps, how)
     trace: list[Floats] | None = None if path is None else []
     here = (start if now is None else now) - middle
-    fit = estimate(stamps.signal, here, pixel_noise(stamps, level, how), how, width=width, path=trace)
+    fit = estimate(
+        stamps.signal, here, pixel_noise(stamps, level, how), how, width=width, path=trace
+    )
     if path is not None and trace is not None:
         path.extend(centre + middle for centre in trace[bool(path) :])
     result = _judge(stack.shape[1:], middle, stamps, level, fit, how)
@@ -89,7 +102,15 @@ def measure_windows(
         now = moved[again] + middle[again]
         mine = None if width is None else width[again]
         redone = measure_windows(
-            stack, frame[again], nearest[again], start[again], how, width=mine, now=now, path=path, recuts=recuts - 1
+            stack,
+            frame[again],
+            nearest[again],
+            start[again],
+            how,
+            width=mine,
+            now=now,
+            path=path,
+            recuts=recuts - 1,
         )
         redone.n_iter[:] += result.n_iter[again]
         for name, values in vars(result).items():
@@ -101,13 +122,15 @@ def _longest(vectors: Floats) -> Floats:
     return np.maximum(np.abs(vectors[:, 0]), np.abs(vectors[:, 1]))
 
 
-def _inside(pixels: Whole, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def _inside(pixels: Indices, shape: tuple[int, ...]) -> Bools:
     x, y = pixels.T
     return (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
 
 
-def cut_windows(stack: NDArray[Any], frame: Whole, middle: Whole, how: Choices) -> Stamps:
-    """Cut M windows, each with a margin of one pixel, around whole pixels (M, 2), and take the background off."""
+def cut_windows(stack: NDArray[Any], frame: Indices, middle: Indices, how: Choices) -> Stamps:
+    """Cut M windows, each with a margin of one pixel, around whole pixels (M, 2), and take the
+    background off.
+    """
     stamps = cut_stamps(stack, frame, middle, how.ring // 2 + RING)
     plane = fit_ring(stamps, how.ring)
     # One pixel for the window to move in, and one more where the gate looks at neighbours.
@@ -154,7 +177,12 @@ def pixel_noise(stamps: Stamps, level: Floats, how: Choices) -> PixelNoise:
 
 
 def _judge(
-    shape: tuple[int, ...], middle: Whole, stamps: Stamps, level: Floats, fit: Estimate, how: Choices
+    shape: tuple[int, ...],
+    middle: Indices,
+    stamps: Stamps,
+    level: Floats,
+    fit: Estimate,
+    how: Choices,
 ) -> Measured:
     """Flags of windows that have come to rest."""
     if how.background == "ring":
@@ -167,7 +195,9 @@ def _judge(
     clipped = ((middle < reach) | (middle + reach > end)).any(axis=1)
     holes = np.zeros(len(middle), dtype=bool)
     if stamps.missing is not None:
-        unread = look(stamps.missing.astype(np.float64), np.nan_to_num(fit.middle), how.window).total
+        unread = look(
+            stamps.missing.astype(np.float64), np.nan_to_num(fit.middle), how.window
+        ).total
         holes = (unread > 1e-9) & ~leaves
     with np.errstate(invalid="ignore"):
         faint = ~(fit.flux > 0) | (fit.flux < _FAINTEST * fit.sigma_flux)
@@ -186,7 +216,9 @@ def _judge(
         flags[where] |= flag
     nowhere = (leaves | holes | faint)[:, None]
     xy = np.where(nowhere, np.nan, fit.centroid + middle)
-    return Measured(xy, np.where(np.isnan(xy), np.nan, fit.sigma), fit.flux, level, fit.n_iter.copy(), flags)
+    return Measured(
+        xy, np.where(np.isnan(xy), np.nan, fit.sigma), fit.flux, level, fit.n_iter.copy(), flags
+    )
 
 
 def _peak(stamps: Stamps) -> Floats:
@@ -196,18 +228,22 @@ def _peak(stamps: Stamps) -> Floats:
     return top.astype(np.float64)
 
 
-def _leaks(stamps: Stamps, level: Floats, how: Choices) -> NDArray[np.bool_]:
-    """The ring grows brighter towards the spot: surely, and by more than a hundredth of the spot's peak."""
+def _leaks(stamps: Stamps, level: Floats, how: Choices) -> Bools:
+    """The ring grows brighter towards the spot: surely, and by more than a hundredth of the spot's
+    peak.
+    """
     if how.background != "ring":
         return np.zeros(len(level), dtype=bool)
     excess, error = stamps.plane.excess, stamps.plane.excess_error
     with np.errstate(invalid="ignore"):
-        leaks: NDArray[np.bool_] = (excess > _SURE * error) & (excess > _LEAK * (_peak(stamps) - level))
+        leaks: Bools = (excess > _SURE * error) & (excess > _LEAK * (_peak(stamps) - level))
     return leaks
 
 
-def saturated(stamps: Stamps, level: Floats, how: Choices) -> NDArray[np.bool_]:
-    """Full scale is reached, or more pixels share the maximum than whole numbers make of a round top."""
+def saturated(stamps: Stamps, level: Floats, how: Choices) -> Bools:
+    """Full scale is reached, or more pixels share the maximum than whole numbers make of a round
+    top.
+    """
     inner = stamps.raw[:, 1:-1, 1:-1].reshape(len(level), -1)
     if stamps.missing is not None:
         inner = np.where(np.isnan(inner), -np.inf, inner)

@@ -1,4 +1,6 @@
-"""Attitude from frame to frame: neighbours tell which spot of a frame is bad where the frame alone cannot."""
+"""Attitude from frame to frame: neighbours tell which spot of a frame is bad where the frame alone
+cannot.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +11,18 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Bools, Floats, Indices
 from losbench.checks import choice, finite, finite_or_nan, integer, number, shaped
 from losbench.estimation.highbreakdown import lts, mm
 from losbench.estimation.robust import RobustFit, irls, lstsq
+from losbench.optics.camera import Model, design_matrix
 from losbench.pointing.attitude.blocks import distinct_points
-from losbench.pointing.optics import Model, design_matrix
 from losbench.units import rad_to_arcsec
 
 __all__ = ["AttitudeTrack", "track_attitude"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Solver = Callable[..., RobustFit]
 
 _ITERATIONS = 500  # Huber may need many where a window of two spots is nearly exactly determined
@@ -36,13 +37,16 @@ class AttitudeTrack:
     Attributes
     ----------
     angles : (F, 3) array
-        Rotation vector (alpha, beta, gamma) at each frame, radians; NaN where the window holds too few spots.
+        Rotation vector (alpha, beta, gamma) at each frame, radians; NaN where the window holds too
+        few spots.
     rates : (F, 3) array
         Its rate of change, radians per second.
     cov : (F, 6, 6) array
-        Covariance of angles and rates. Neighbouring frames share most of their windows, so their errors are alike.
+        Covariance of angles and rates. Neighbouring frames share most of their windows, so their
+        errors are alike.
     residuals : (F, n, 2) array
-        Track minus shift of each spot at its frame, unit of the shifts; NaN where the spot is missing.
+        Track minus shift of each spot at its frame, unit of the shifts; NaN where the spot is
+        missing.
     weights : (F, n, 2) array
         Weight of each shift in its own frame's window; 0 where the spot is missing.
     scale : (F,) array
@@ -80,8 +84,9 @@ def track_attitude(
 ) -> AttitudeTrack:
     """Follow the attitude over frames with a model of constant rate in a sliding window, robustly.
 
-    A single frame of two spots cannot tell which of them is bad. A window of K frames with six unknowns, three angles
-    and three rates, has 4 K equations and can, as long as the rotation is nearly uniform over the window.
+    A single frame of two spots cannot tell which of them is bad. A window of K frames with six
+    unknowns, three angles and three rates, has 4 K equations and can, as long as the rotation is
+    nearly uniform over the window.
 
     Parameters
     ----------
@@ -96,8 +101,9 @@ def track_attitude(
     model : "pinhole" or "paper"
         Rows of the design matrix, see `design_matrix`.
     method : "mm", "lts", "irls" or "ls"
-        How the window is solved, with one weight for x and y of a spot in a frame. The first two survive most; with a
-        window of 9 frames of two spots, "mm" takes some 15 ms a frame and "lts" 10, "irls" 0.1.
+        How the window is solved, with one weight for x and y of a spot in a frame. The first two
+        survive most; with a window of 9 frames of two spots, "mm" takes some 15 ms a frame and
+        "lts" 10, "irls" 0.1.
     sigma : float, unit of ``points``, optional
         Standard deviation of a shift, if known.
 
@@ -108,8 +114,8 @@ def track_attitude(
     Raises
     ------
     ValueError
-        If shapes do not match, a shift is infinite, times do not rise, or the window is shorter than 3 or longer than
-        the series.
+        If shapes do not match, a shift is infinite, times do not rise, or the window is shorter
+        than 3 or longer than the series.
 
     Warns
     -----
@@ -118,7 +124,8 @@ def track_attitude(
 
     Notes
     -----
-    Rows [A, (t - t_f) A] for each frame of the window about frame f, with A that of liu2026, eq. (6).
+    Rows [A, (t - t_f) A] for each frame of the window about frame f, with A that of liu2026, eq.
+    (6).
 
     Examples
     --------
@@ -142,14 +149,19 @@ def track_attitude(
     time = _times(time_s, frames)
     solve = _solver(method, None if sigma is None else number("sigma", sigma, low=0.0))
     parts = [
-        _solve_windows(p, moved, time, np.arange(first, min(first + _CHUNK, frames)), size, model, solve)
+        _solve_windows(
+            p, moved, time, np.arange(first, min(first + _CHUNK, frames)), size, model, solve
+        )
         for first in range(0, frames, _CHUNK)
     ]
-    track = AttitudeTrack(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    track = AttitudeTrack(
+        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    )
     failed = int(np.count_nonzero(~track.converged & np.isfinite(track.angles[:, 0])))
     if failed:
         warnings.warn(
-            f"{failed} of {frames} windows did not converge; their last iterate is kept, see .converged",
+            f"{failed} of {frames} windows did not converge; their last iterate is kept, see "
+            ".converged",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -176,11 +188,19 @@ def _solver(method: str, sigma: float | None) -> Solver:
         return partial(lts, scale=sigma)
     if method == "mm":
         return partial(mm, scale=sigma, on_fail="ignore")
-    return partial(irls, scale="mad" if sigma is None else sigma, max_iter=_ITERATIONS, on_fail="ignore")
+    return partial(
+        irls, scale="mad" if sigma is None else sigma, max_iter=_ITERATIONS, on_fail="ignore"
+    )
 
 
 def _solve_windows(
-    points: Floats, shifts: Floats, time: Floats, frames: NDArray[np.intp], size: int, model: Model, solve: Solver
+    points: Floats,
+    shifts: Floats,
+    time: Floats,
+    frames: Indices,
+    size: int,
+    model: Model,
+    solve: Solver,
 ) -> dict[str, Any]:
     """Solve the windows about ``frames``, those with equally many spots in one batch."""
     count, n = len(frames), len(points)
@@ -189,7 +209,9 @@ def _solve_windows(
     since = time[inside] - time[frames, None]
     rows = design_matrix(points, model).reshape(n, 2, 3)
     design = np.broadcast_to(rows, (count, size, n, 2, 3))
-    design = np.concatenate([design, since[..., None, None, None] * design], axis=-1).reshape(count, size * n, 2, 6)
+    design = np.concatenate([design, since[..., None, None, None] * design], axis=-1).reshape(
+        count, size * n, 2, 6
+    )
     seen = shifts[inside].reshape(count, size * n, 2)
     present = np.isfinite(seen).all(axis=-1)
     own = (frames - first)[:, None] * n + np.arange(n)
@@ -216,15 +238,19 @@ def _solve_windows(
             found[name][members] = getattr(fit, name)
         for name in ("residuals", "weights"):
             whole = np.full((len(members), size * n, 2), np.nan if name == "residuals" else 0.0)
-            np.put_along_axis(whole, chosen[..., None], getattr(fit, name).reshape(len(members), spots, 2), axis=1)
+            np.put_along_axis(
+                whole, chosen[..., None], getattr(fit, name).reshape(len(members), spots, 2), axis=1
+            )
             found[name][members] = np.take_along_axis(whole, own[members][..., None], axis=1)
     sizes = np.sqrt(np.mean(found["residuals"] ** 2, axis=-1))
     found["bad"] = sizes > _BAD * found["scale"][:, None]
     return found
 
 
-def _alike(present: Bools, size: int, n: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Numbers of spots seen, with the windows that saw so many: in two frames at least two spots each."""
+def _alike(present: Bools, size: int, n: int) -> Iterator[tuple[int, Indices]]:
+    """Numbers of spots seen, with the windows that saw so many: in two frames at least two spots
+    each.
+    """
     by_frame = present.reshape(-1, size, n).sum(axis=2)
     enough = (by_frame >= 2).sum(axis=1) >= 2
     counts = present.sum(axis=1)

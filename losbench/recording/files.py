@@ -18,7 +18,8 @@ from losbench.recording.stamps import UnreadableFrame
 
 __all__ = ["image_loader", "in_natural_order", "jump_in_names", "numpy_stack", "tiff_pages"]
 
-# By magic number, classic and big: bytes before the first offset, formats of offset and count, bytes of an entry.
+# By magic number, classic and big: bytes before the first offset, formats of offset and count,
+# bytes of an entry.
 _TIFF = {42: (0, "I", "H", 12), 43: (4, "Q", "Q", 20)}
 
 
@@ -38,7 +39,9 @@ def image_loader(files: list[Path]) -> Callable[[int], NDArray[Any]]:
 
 @dataclass(frozen=True)
 class Pages:
-    """Pages of a TIFF: how many there are, what reads the k-th, and what is to be said of a file cut short."""
+    """Pages of a TIFF: how many there are, what reads the k-th, and what is to be said of a file
+    cut short.
+    """
 
     count: int
     load: Callable[[int], NDArray[Any]]
@@ -69,7 +72,9 @@ def tiff_pages(source: Path, *, skip: bool) -> Pages:
 
 
 def _ends_properly(source: Path) -> bool:
-    """Follow a TIFF's chain of directories: OpenCV counts only those that a truncated file still holds."""
+    """Follow a TIFF's chain of directories: OpenCV counts only those that a truncated file still
+    holds.
+    """
     size = source.stat().st_size
     with source.open("rb") as file:
         order = {b"II": "<", b"MM": ">"}.get(file.read(2), "")
@@ -83,7 +88,10 @@ def _ends_properly(source: Path) -> bool:
         while at and at not in seen:
             seen.add(at)
             file.seek(at)
-            n = struct.unpack(order + count, file.read(struct.calcsize(count)).ljust(struct.calcsize(count), b"\0"))[0]
+            n = struct.unpack(
+                order + count,
+                file.read(struct.calcsize(count)).ljust(struct.calcsize(count), b"\0"),
+            )[0]
             if at + struct.calcsize(count) + n * entry + struct.calcsize(offset) > size:
                 return False
             file.seek(n * entry, 1)
@@ -92,21 +100,29 @@ def _ends_properly(source: Path) -> bool:
 
 
 def numpy_stack(source: Path) -> NDArray[Any]:
-    """Return the frames of an .npy file, left on disk, or of an .npz archive: "frames", or its only stack."""
-    if source.suffix.lower() == ".npz" and not zipfile.is_zipfile(source):  # of which NumPy would leave a file open
+    """Return the frames of an .npy file, left on disk, or of an .npz archive: "frames", or its only
+    stack.
+    """
+    if source.suffix.lower() == ".npz" and not zipfile.is_zipfile(
+        source
+    ):  # of which NumPy would leave a file open
         raise UnreadableFrame(f"{source.name} cannot be read: not an .npz archive, or cut short")
     try:
         loaded = np.load(source, mmap_mode="r", allow_pickle=False)
         if not isinstance(loaded, np.ndarray):
             with loaded as archive:
-                stacks = [name for name in archive.files if name == "frames" or archive[name].ndim == 3]
+                stacks = [
+                    name for name in archive.files if name == "frames" or archive[name].ndim == 3
+                ]
                 if not stacks:
                     raise ValueError("no array of it is a stack (frames, rows, cols)")
                 loaded = archive["frames" if "frames" in stacks else stacks[0]]
     except (OSError, ValueError, EOFError, IndexError, zipfile.BadZipFile, zlib.error) as error:
         raise UnreadableFrame(f"{source.name} cannot be read: {error}") from None
     if loaded.ndim != 3:
-        raise ValueError(f"{source.name} must hold a stack (frames, rows, cols), got shape {loaded.shape}")
+        raise ValueError(
+            f"{source.name} must hold a stack (frames, rows, cols), got shape {loaded.shape}"
+        )
     return loaded
 
 
@@ -127,7 +143,10 @@ class _quiet_opencv:
 
 def in_natural_order(files: list[Path]) -> list[Path]:
     """Sort by name, with numbers as numbers: frame-9 before frame-10."""
-    return sorted(files, key=lambda p: [int(t) if t.isdigit() else t.lower() for t in re.split(r"(\d+)", p.name)])
+    return sorted(
+        files,
+        key=lambda p: [int(t) if t.isdigit() else t.lower() for t in re.split(r"(\d+)", p.name)],
+    )
 
 
 def jump_in_names(files: list[Path]) -> tuple[str, ...]:
@@ -145,4 +164,7 @@ def jump_in_names(files: list[Path]) -> tuple[str, ...]:
         return ()
     before, after = (files[jumps[0] + k].name for k in (0, 1))
     more = f", the first of {jumps.size} jumps" if jumps.size > 1 else ""
-    return (f"File names jump from {before} to {after}{more}: if frames are missing, a period puts later ones early.",)
+    return (
+        f"File names jump from {before} to {after}{more}: if frames are missing, a period puts "
+        "later ones early.",
+    )

@@ -1,4 +1,6 @@
-"""From a recording to a table: find or take the spots, follow them, turn their shifts into angles."""
+"""From a recording to a table: find or take the spots, follow them, turn their shifts into
+angles.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
+from losbench.arrays import Floats, Ints
 from losbench.checks import choice, finite, integer, shaped
 from losbench.estimation.smoothing import kalman_smooth
 from losbench.imaging.detector import Detector
 from losbench.imaging.finder import find_spots
 from losbench.imaging.results import SpotFlag
+from losbench.logs import TemperatureLog
+from losbench.optics.camera import Camera
 from losbench.pointing.attitude import AttitudeFit, solve_attitude
-from losbench.pointing.optics import Camera
 from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
 from losbench.recording.table import measurement_table, temperatures
-from losbench.recording.times import TemperatureLog
 from losbench.recording.tracks import follow
 
 if TYPE_CHECKING:
@@ -27,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Measurement", "measure"]
 
-Floats = NDArray[np.float64]
 
 _SKIPPED_NAMED = 3
 
@@ -39,7 +41,8 @@ class Measurement:
     Attributes
     ----------
     xy_px, sigma_xy_px : (F, n, 2) arrays
-        Spot positions on the detector and their predicted one-sigma errors; NaN where a spot was lost.
+        Spot positions on the detector and their predicted one-sigma errors; NaN where a spot was
+        lost.
     flags : (F, n) array
         `SpotFlag` bits of each spot.
     shifts_px, sigma_shifts_px : (F, n, 2) arrays
@@ -49,7 +52,8 @@ class Measurement:
     attitude : AttitudeFit or None
         Angles in radians with covariance; None without a camera.
     table : DataFrame
-        One row a frame: time, temperatures, positions, shifts, angles in arcseconds with one-sigma errors.
+        One row a frame: time, temperatures, positions, shifts, angles in arcseconds with one-sigma
+        errors.
     notes : tuple of str
         What the reader of the table must know, a line each.
     """
@@ -92,27 +96,27 @@ def measure(
     camera : Camera, optional
         Turns shifts into angles. Without it the table ends with the shifts, and a note says so.
     spots : (n, 2) array, optional
-        Detector positions (x, y) in the first frame, a pixel or so near, for recordings of whole frames; found if not
-        given, brightest first, and the order then stays.
+        Detector positions (x, y) in the first frame, a pixel or so near, for recordings of whole
+        frames; found if not given, brightest first, and the order then stays.
     n_spots : int, optional
         How many spots to find; default all that stand out.
     temperature : TemperatureLog, optional
         Interpolated to the frames' times.
     detector : Detector, optional
-        Gain, read noise and offset, for the predicted errors; by default what the recording's files tell. Without
-        either they leave out the shot noise of the spots.
+        Gain, read noise and offset, for the predicted errors; by default what the recording's files
+        tell. Without either they leave out the shot noise of the spots.
     method, window, background
         As for `centroid`; the window is chosen in the first block of frames and then stays.
     reference : "first" or int
-        Shifts count from the first frame that shows every spot, or from the mean of the first K frames. Its error
-        enters the shifts' errors.
+        Shifts count from the first frame that shows every spot, or from the mean of the first K
+        frames. Its error enters the shifts' errors.
     smooth : None or "kalman"
         Smooth the positions with a local linear trend (liu2026, section 3.2) before taking shifts.
     model : "pinhole" or "paper"
         As for `solve_attitude`.
     solver : "auto", "irls" or "ls"
-        "auto" is IRLS with one weight per spot for four or more spots, and least squares below, where no outlier can
-        be told from the rest.
+        "auto" is IRLS with one weight per spot for four or more spots, and least squares below,
+        where no outlier can be told from the rest.
     block : int
         Frames in memory at a time.
     progress : bool
@@ -125,7 +129,8 @@ def measure(
     Raises
     ------
     ValueError
-        If no spot is found, a spot cannot be measured in any reference frame, or an argument is out of range.
+        If no spot is found, a spot cannot be measured in any reference frame, or an argument is out
+        of range.
     UnreadableFrame
         If a frame cannot be read and the recording was opened to stop at that.
 
@@ -142,31 +147,48 @@ def measure(
     choice("solver", solver, ("auto", "irls", "ls"))
     whole = recording.stamps[0] if len(recording.stamps) == 1 else None
     if camera is not None and whole is not None and whole.shape != camera.shape:
-        raise ValueError(f"camera must have the shape of the frames, {whole.shape}, got {camera.shape}")
-    n_reference = 1 if reference == "first" else integer("reference", reference, low=1, high=recording.n_frames)
+        raise ValueError(
+            f"camera must have the shape of the frames, {whole.shape}, got {camera.shape}"
+        )
+    n_reference = (
+        1
+        if reference == "first"
+        else integer("reference", reference, low=1, high=recording.n_frames)
+    )
     options: dict[str, Any] = {
         "method": method,
         "window": window,
         "background": background,
         "noise": detector or recording.detector,
     }
-    if detector is None and recording.detector is not None:  # known from errors of calibrated frames, which never clip
+    if (
+        detector is None and recording.detector is not None
+    ):  # known from errors of calibrated frames, which never clip
         options["full_scale_dn"] = float(np.finfo(np.float32).max)
     celsius, said = temperatures(recording, temperature)
     skipped: dict[int, str] = {}
-    with tqdm(total=recording.n_frames * len(recording.stamps), unit="frame", delay=2, disable=not progress) as bar:
+    with tqdm(
+        total=recording.n_frames * len(recording.stamps),
+        unit="frame",
+        delay=2,
+        disable=not progress,
+    ) as bar:
         tracks = [
             follow(recording, stamp, start, options, integer("block", block, low=1), bar, skipped)
-            for stamp, start in zip(recording.stamps, _starts(recording, spots, n_spots), strict=True)
+            for stamp, start in zip(
+                recording.stamps, _starts(recording, spots, n_spots), strict=True
+            )
         ]
     xy, sigma, flags = (
-        np.concatenate([getattr(track, name) for track in tracks], axis=1) for name in ("xy", "sigma", "flags")
+        np.concatenate([getattr(track, name) for track in tracks], axis=1)
+        for name in ("xy", "sigma", "flags")
     )
     notes = [*_notes_on_skipped(skipped, len(xy)), *_notes_on_loss(xy, flags)]
     first = _first_whole(xy) if reference == "first" else 0
     if options["noise"] is None:
         notes.append(
-            "No detector was given: predicted errors leave out the shot noise of the spots, and are too small."
+            "No detector was given: predicted errors leave out the shot noise of the spots, and "
+            "are too small."
         )
     if smooth == "kalman":
         xy, sigma = _smoothed(xy)
@@ -184,7 +206,15 @@ def measure(
         notes.append(note)
     table = measurement_table(recording, celsius, xy, sigma, flags, shifts, attitude)
     return Measurement(
-        xy, sigma, flags, shifts, sigma_shifts, reference_px, attitude, table, (*recording.notes, *notes, *said)
+        xy,
+        sigma,
+        flags,
+        shifts,
+        sigma_shifts,
+        reference_px,
+        attitude,
+        table,
+        (*recording.notes, *notes, *said),
     )
 
 
@@ -192,16 +222,26 @@ def _starts(recording: Recording, spots: ArrayLike | None, n_spots: int | None) 
     """Return the first positions in each stamp's own pixels."""
     if len(recording.stamps) > 1:
         if spots is not None or n_spots is not None:
-            raise ValueError("spots and n_spots are for whole frames: a folder of pixel files has one spot in each")
+            raise ValueError(
+                "spots and n_spots are for whole frames: a folder of pixel files has one spot in "
+                "each"
+            )
         return [_found(recording, stamp, 1) for stamp in recording.stamps]
     stamp = recording.stamps[0]
     if spots is None:
-        return [_found(recording, stamp, None if n_spots is None else integer("n_spots", n_spots, low=1))]
+        return [
+            _found(
+                recording, stamp, None if n_spots is None else integer("n_spots", n_spots, low=1)
+            )
+        ]
     given = finite("spots", spots)
     shaped("spots", given, ("n", 2))
     local = given - np.array(stamp.origin_px)
     if not ((local >= -0.5) & (local <= np.array(stamp.shape[::-1]) - 0.5)).all():
-        raise ValueError(f"spots must lie inside the {stamp.shape[0]}x{stamp.shape[1]} frame, got {given.tolist()}")
+        raise ValueError(
+            f"spots must lie inside the {stamp.shape[0]}x{stamp.shape[1]} frame, got "
+            f"{given.tolist()}"
+        )
     return [local]
 
 
@@ -211,7 +251,10 @@ def _found(recording: Recording, stamp: Stamp, n: int | None) -> Floats:
         if good[0]:
             found = find_spots(frames[0], n)
             if not len(found):
-                raise ValueError(f"no spot stands out in the first frame of {stamp.name}: give spots, or look at it")
+                raise ValueError(
+                    f"no spot stands out in the first frame of {stamp.name}: give spots, or look "
+                    "at it"
+                )
             return found
     raise ValueError(f"no frame of {recording.source} can be read")
 
@@ -226,7 +269,11 @@ def _first_whole(xy: Floats) -> int:
     seen = ~np.isnan(xy[..., 0])
     if not seen.all(axis=1).any():
         lost = np.flatnonzero(~seen.any(axis=0)) + 1
-        why = f"spot {lost.tolist()} is in none" if lost.size else f"all {xy.shape[1]} at once are in none"
+        why = (
+            f"spot {lost.tolist()} is in none"
+            if lost.size
+            else f"all {xy.shape[1]} at once are in none"
+        )
         raise ValueError(f"reference must be a frame that shows every spot; {why} of {len(xy)}")
     return int(np.argmax(seen.all(axis=1)))
 
@@ -236,13 +283,19 @@ def _reference(xy: Floats, sigma: Floats) -> tuple[Floats, Floats]:
     if not count.all():
         lost = np.flatnonzero((count == 0).any(axis=-1)) + 1
         raise ValueError(
-            f"reference must hold a frame that shows every spot; spot {lost.tolist()} is in none of {len(xy)}"
+            f"reference must hold a frame that shows every spot; spot {lost.tolist()} is in none "
+            f"of {len(xy)}"
         )
     return np.nanmean(xy, axis=0), np.sqrt(np.nansum(sigma**2, axis=0)) / count
 
 
 def _solve(
-    camera: Camera, reference_px: Floats, shifts_px: Floats, sigma_px: Floats, model: str, solver: str
+    camera: Camera,
+    reference_px: Floats,
+    shifts_px: Floats,
+    sigma_px: Floats,
+    model: str,
+    solver: str,
 ) -> tuple[AttitudeFit, str]:
     robust = solver == "irls" or (solver == "auto" and len(reference_px) >= 4)
     fit = solve_attitude(
@@ -254,7 +307,9 @@ def _solve(
     )
     how = "IRLS, Huber 1.345, one weight per spot" if robust else "least squares"
     note = f"Angles by {how}, {len(reference_px)} spots, redundancy {2 * len(reference_px) - 3}."
-    return fit, note + (" Two spots cannot tell which of them is bad." if len(reference_px) == 2 else "")
+    return fit, note + (
+        " Two spots cannot tell which of them is bad." if len(reference_px) == 2 else ""
+    )
 
 
 def _notes_on_skipped(skipped: dict[int, str], n_frames: int) -> list[str]:
@@ -262,10 +317,13 @@ def _notes_on_skipped(skipped: dict[int, str], n_frames: int) -> list[str]:
         return []
     named = [f"frame {k} ({skipped[k]})" for k in sorted(skipped)[:_SKIPPED_NAMED]]
     more = [f"and {len(skipped) - len(named)} more"] if len(skipped) > len(named) else []
-    return [f"{len(skipped)} of {n_frames} frames are left out as unreadable: {', '.join([*named, *more])}."]
+    return [
+        f"{len(skipped)} of {n_frames} frames are left out as unreadable: "
+        f"{', '.join([*named, *more])}."
+    ]
 
 
-def _notes_on_loss(xy: Floats, flags: NDArray[np.int64]) -> list[str]:
+def _notes_on_loss(xy: Floats, flags: Ints) -> list[str]:
     notes = []
     for spot in range(xy.shape[1]):
         lost = int(np.isnan(xy[:, spot]).any(axis=-1).sum())

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.__about__ import __version__
+from losbench.arrays import Bools, Floats
 from losbench.pointing.thermal import SensitivityFit, fit_sensitivity
 from losbench.recording.measure import Measurement
 from losbench.recording.readers import Recording
@@ -24,7 +25,13 @@ if TYPE_CHECKING:
 __all__ = ["write_report"]
 
 _AXES = {"alpha": "X", "beta": "Y", "gamma": "Z"}
-_WRITTEN = ("measurement.csv", "report.json", "shifts.png", "angles.png", "angles-over-temperature.png")
+_WRITTEN = (
+    "measurement.csv",
+    "report.json",
+    "shifts.png",
+    "angles.png",
+    "angles-over-temperature.png",
+)
 _FEWEST = 10  # frames with a temperature, for a sensitivity
 _SMALLEST_RANGE_DEGC = 0.5
 _SHORTEST_LAG = 0.2  # steps from frame to frame; a lag that may be shorter is none
@@ -35,6 +42,15 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
 
     With temperatures, ``angles-over-temperature.png`` and the sensitivity of each axis come too.
 
+    Parameters
+    ----------
+    measurement : Measurement
+        With positions as an (F, n, 2) array and its table.
+    folder : Path
+        Made if it is not there.
+    recording : Recording
+        What was measured.
+
     Returns
     -------
     list of str
@@ -42,7 +58,8 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
     """
     table = measurement.table
     lines = [
-        f"{len(table)} frames, {len(measurement.reference_px)} spots: {recording.source.resolve().name}",
+        f"{len(table)} frames, {len(measurement.reference_px)} spots: "
+        f"{recording.source.resolve().name}",
         *measurement.notes,
     ]
     sensitivity = _sensitivity(measurement)
@@ -51,7 +68,10 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
     pictures = _pictures(measurement, sensitivity)
     for name in _WRITTEN:
         (folder / name).unlink(missing_ok=True)
-    write_whole(folder / "measurement.csv", table.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
+    write_whole(
+        folder / "measurement.csv",
+        table.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
+    )
     for name, content in pictures.items():
         write_whole(folder / name, content)
     report = {
@@ -67,16 +87,20 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
 
 
 def _temperature_columns(table: pd.DataFrame) -> list[str]:
-    return [name for name in table.columns if name.startswith("temperature") and name.endswith("_degC")]
+    return [
+        name for name in table.columns if name.startswith("temperature") and name.endswith("_degC")
+    ]
 
 
-def _timed(table: pd.DataFrame) -> NDArray[np.bool_]:
+def _timed(table: pd.DataFrame) -> Bools:
     """Which frames have a time and the temperature that the sensitivity is for."""
     return np.isfinite(table[[_temperature_columns(table)[0], "time_s"]].to_numpy()).all(axis=1)
 
 
 def _sensitivity(measurement: Measurement) -> SensitivityFit | None:
-    """Fit the first temperature column, if it says anything; with a lag where the frames have times."""
+    """Fit the first temperature column, if it says anything; with a lag where the frames have
+    times.
+    """
     columns = _temperature_columns(measurement.table)
     if measurement.attitude is None or not columns:
         return None
@@ -92,7 +116,7 @@ def _sensitivity(measurement: Measurement) -> SensitivityFit | None:
     return fit_sensitivity(celsius[use], angles)
 
 
-def _lag_s(fit: SensitivityFit, table: pd.DataFrame) -> NDArray[np.float64]:
+def _lag_s(fit: SensitivityFit, table: pd.DataFrame) -> Floats:
     """Return the lag of each axis, zero where none was fitted or none can be told from the data."""
     shortest_s = _SHORTEST_LAG * np.nanmedian(np.diff(table["time_s"]))
     return np.where(fit.lag_interval_s[:, 0] > shortest_s, fit.lag_s, 0.0)
@@ -116,10 +140,14 @@ def _sentences(fit: SensitivityFit, table: pd.DataFrame) -> list[str]:
     low, high = np.moveaxis(fit.k_interval_arcsec_per_degC, -1, 0)
     rms = rad_to_arcsec(fit.rms)
     column = _temperature_columns(table)[0]
-    lag = [f"lag {minutes:.1f} min" if minutes > 0 else "no lag" for minutes in _lag_s(fit, table) / 60]
+    lag = [
+        f"lag {minutes:.1f} min" if minutes > 0 else "no lag" for minutes in _lag_s(fit, table) / 60
+    ]
     return [
-        f"Sensitivity about {axis} to {column}: {k:+.4f} arcsec/degC (95 %, if one lag describes it: "
-        f"{low[i]:+.4f} to {high[i]:+.4f}), {lag[i]}, {rms[i]:.4f} arcsec rms left after compensation"
+        f"Sensitivity about {axis} to {column}: {k:+.4f} arcsec/degC (95 %, if one lag describes "
+        "it: "
+        f"{low[i]:+.4f} to {high[i]:+.4f}), {lag[i]}, {rms[i]:.4f} arcsec rms left after "
+        "compensation"
         for i, (axis, k) in enumerate(zip(_AXES.values(), fit.k_arcsec_per_degC, strict=True))
     ]
 
@@ -132,7 +160,9 @@ def _pictures(measurement: Measurement, sensitivity: SensitivityFit | None) -> d
         if measurement.attitude is not None:
             pictures["angles.png"] = png(_angles(measurement))
         if sensitivity is not None:
-            pictures["angles-over-temperature.png"] = png(_over_temperature(measurement, sensitivity))
+            pictures["angles-over-temperature.png"] = png(
+                _over_temperature(measurement, sensitivity)
+            )
     return pictures
 
 
@@ -141,7 +171,14 @@ def _shifts(measurement: Measurement) -> Figure:
     fig, axes = _one_below_another(2, label)
     for axis, i, name in zip(axes, range(2), "xy", strict=True):
         for spot in range(measurement.shifts_px.shape[1]):
-            axis.plot(along, measurement.shifts_px[:, spot, i], ".-", ms=3, lw=0.8, label=f"spot {spot + 1}")
+            axis.plot(
+                along,
+                measurement.shifts_px[:, spot, i],
+                ".-",
+                ms=3,
+                lw=0.8,
+                label=f"spot {spot + 1}",
+            )
         axis.set_ylabel(f"shift along {name} (px)")
     axes[0].legend(ncols=4)
     return fig
@@ -164,7 +201,9 @@ def _over_temperature(measurement: Measurement, fit: SensitivityFit) -> Figure:
     column = _temperature_columns(measurement.table)[0]
     table = measurement.table[_timed(measurement.table)]
     celsius = table[column].to_numpy()
-    model = fit.predict(celsius, time_s=table["time_s"].to_numpy() if (fit.lag_s > 0).any() else None)
+    model = fit.predict(
+        celsius, time_s=table["time_s"].to_numpy() if (fit.lag_s > 0).any() else None
+    )
     fig, axes = _one_below_another(3, f"{column.removesuffix('_degC')} (degC)")
     for i, (axis, name) in enumerate(zip(axes, _AXES, strict=True)):
         axis.plot(celsius, table[f"{name}_arcsec"], ".", ms=3, label="measured")
@@ -176,7 +215,11 @@ def _over_temperature(measurement: Measurement, fit: SensitivityFit) -> Figure:
 
 def _abscissa(measurement: Measurement) -> tuple[NDArray[Any], str]:
     table = measurement.table
-    return (table["time_s"].to_numpy(), "time (s)") if "time_s" in table else (table["frame"].to_numpy(), "frame")
+    return (
+        (table["time_s"].to_numpy(), "time (s)")
+        if "time_s" in table
+        else (table["frame"].to_numpy(), "frame")
+    )
 
 
 def _one_below_another(n: int, label: str) -> tuple[Figure, list[Axes]]:

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from losbench.arrays import Bools
+
 __all__ = ["Stamp", "UnreadableFrame", "as_frame", "first_readable"]
 
 Read = TypeVar("Read")
@@ -43,8 +45,9 @@ class Stamp:
 
     def read(
         self, first: int, last: int, *, skip: bool, skipped: dict[int, str] | None = None
-    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """Return frames ``first`` to ``last`` (excluded) and which of them could be read; others are zero.
+    ) -> tuple[NDArray[Any], Bools]:
+        """Return frames ``first`` to ``last`` (excluded) and which of them could be read; others
+        are zero.
 
         What was wrong with the others goes into ``skipped``, by the number of the frame.
         """
@@ -68,7 +71,9 @@ class Stamp:
 
 
 def first_readable(count: int, read: Callable[[int], Read], *, skip: bool) -> tuple[int, Read]:
-    """Number and content of the first of ``count`` that can be read; it must be the very first, without ``skip``."""
+    """Number and content of the first of ``count`` that can be read; it must be the very first,
+    without ``skip``.
+    """
     for k in range(count - 1):
         try:
             return k, read(k)
@@ -79,7 +84,9 @@ def first_readable(count: int, read: Callable[[int], Read], *, skip: bool) -> tu
 
 
 def as_frame(array: NDArray[Any], name: str) -> NDArray[Any]:
-    """Return a two-dimensional frame of a type that the centroids take; other numbers become float32."""
+    """Return a two-dimensional frame of a type that the centroids take; other numbers become
+    float32.
+    """
     if array.ndim != 2:
         what = f"{array.shape[-1]} colour channels" if array.ndim == 3 else f"shape {array.shape}"
         raise UnreadableFrame(f"{name} must be one grey image (rows, cols), got {what}")

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats, Ints
+from losbench.logs import TemperatureLog
 from losbench.pointing.attitude import AttitudeFit
 from losbench.recording.readers import Recording
-from losbench.recording.times import TemperatureLog
 from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 
 __all__ = ["measurement_table", "temperatures"]
 
-Floats = NDArray[np.float64]
 _AXES = ("alpha", "beta", "gamma")
 
 
-def temperatures(recording: Recording, log: TemperatureLog | None) -> tuple[dict[str, Floats], list[str]]:
+def temperatures(
+    recording: Recording, log: TemperatureLog | None
+) -> tuple[dict[str, Floats], list[str]]:
     """Return the log's columns at the frames' times, and what is to be said about them."""
     if recording.times is None:
         unmatched = "" if log is None else ", temperatures are not matched"
@@ -30,7 +31,10 @@ def temperatures(recording: Recording, log: TemperatureLog | None) -> tuple[dict
         return {}, []
     celsius = log.at(recording.times)
     without = int(np.isnan(celsius[:, 0]).sum())
-    said = [f"{without} of {recording.n_frames} frames lie outside the temperature log or in a gap of it."]
+    said = [
+        f"{without} of {recording.n_frames} frames lie outside the temperature log or in a gap of "
+        "it."
+    ]
     return dict(zip(log.names, celsius.T, strict=True)), said if without else []
 
 
@@ -39,11 +43,13 @@ def measurement_table(
     celsius: dict[str, Floats],
     xy: Floats,
     sigma: Floats,
-    flags: NDArray[np.int64],
+    flags: Ints,
     shifts: Floats,
     attitude: AttitudeFit | None,
 ) -> pd.DataFrame:
-    """Lay out times, temperatures, positions (F, n, 2) with errors and flags, shifts, and angles if there are any."""
+    """Lay out times, temperatures, positions (F, n, 2) with errors and flags, shifts, and angles if
+    there are any.
+    """
     import pandas as pd
 
     columns: dict[str, Any] = {"frame": np.arange(recording.n_frames)}

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from losbench.arrays import Bools, Floats, Ints
 from losbench.imaging.centroid import centroid, default_window
 from losbench.imaging.results import SpotFlag
 from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
 
 __all__ = ["Track", "follow"]
-
-Floats = NDArray[np.float64]
 
 
 def follow(
@@ -28,7 +27,8 @@ def follow(
     bar: tqdm[Any],
     skipped: dict[int, str],
 ) -> Track:
-    """Follow the spots of one stamp: every block of frames starts where the one before saw each spot last.
+    """Follow the spots of one stamp: every block of frames starts where the one before saw each
+    spot last.
 
     Parameters
     ----------
@@ -37,7 +37,8 @@ def follow(
     start : (n, 2) array, pixels of the stamp
         Where the spots are in the first frame.
     options : dict
-        For `centroid`; a window of None, and the width of a template, are chosen in the first block and then stay.
+        For `centroid`; a window of None, and the width of a template, are chosen in the first block
+        and then stay.
     block : int
         Frames in memory at a time.
     bar : tqdm
@@ -73,11 +74,13 @@ def follow(
 
 @dataclass(frozen=True)
 class Track:
-    """Positions (F, n, 2), their errors and flags (F, n) of some frames of one stamp, and what measured them."""
+    """Positions (F, n, 2), their errors and flags (F, n) of some frames of one stamp, and what
+    measured them.
+    """
 
     xy: Floats
     sigma: Floats
-    flags: NDArray[np.int64]
+    flags: Ints
     window: int
     width_px: Floats | None = None
 
@@ -85,7 +88,8 @@ class Track:
     def join(cls, parts: list[Track]) -> Track:
         """Put parts one after the other."""
         xy, sigma, flags = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in ("xy", "sigma", "flags")
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("xy", "sigma", "flags")
         )
         return cls(xy, sigma, flags, parts[0].window, parts[-1].width_px)
 
@@ -99,16 +103,21 @@ class Track:
             before = np.where(np.isnan(frame), before, frame)
         return before
 
-    def stays_near(self, start: Floats, good: NDArray[np.bool_]) -> bool:
+    def stays_near(self, start: Floats, good: Bools) -> bool:
         """Whether every readable frame shows every spot, well within reach of the start."""
         reach = max(2, self.window // 4) - 0.5
         return bool((np.abs(self.xy[good] - start) < reach).all())
 
 
-def _see(frames: NDArray[Any], good: NDArray[np.bool_], start: Floats, settings: dict[str, Any]) -> Track:
+def _see(frames: NDArray[Any], good: Bools, start: Floats, settings: dict[str, Any]) -> Track:
     if not good.any():
         missing = np.full((len(frames), *start.shape), np.nan)
-        return Track(missing, missing, np.full(missing.shape[:2], int(SpotFlag.MISSING)), settings["window"] or 3)
+        return Track(
+            missing,
+            missing,
+            np.full(missing.shape[:2], int(SpotFlag.MISSING)),
+            settings["window"] or 3,
+        )
     seen = centroid(frames, start, centre="peak", **settings)
     lost = ~good[:, None] | (seen.flags & SpotFlag.NOT_CONVERGED > 0)
     flags = np.where(good[:, None], seen.flags, SpotFlag.MISSING)
@@ -120,6 +129,7 @@ def _default_window(frame: NDArray[Any], start: Floats, stamp: Stamp) -> int:
     found = default_window(frame, start)
     if found < 3:
         raise ValueError(
-            f"no spot stands at {start.round(1).tolist()} in the first frame: nothing there to size a window by"
+            f"no spot stands at {start.round(1).tolist()} in the first frame: nothing there to "
+            "size a window by"
         )
     return min(found, min(stamp.shape) - (min(stamp.shape) + 1) % 2)

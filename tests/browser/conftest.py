@@ -1,4 +1,6 @@
-"""One browser and one server for all browser tests; without chromium they are skipped, and say so."""
+"""One browser and one server for all browser tests; without chromium they are skipped, and say
+so.
+"""
 
 import sys
 from pathlib import Path
@@ -13,12 +15,19 @@ from lab import CHROMIUM, WHY_NOT, chromium, jupyterlab, notebook
 from losbench.resources import build_folder, notebook_folder
 from losbench.workbench import explorers
 
-WITH_EXPLORERS = [path for path in sorted(notebook_folder().glob("*.ipynb")) if "Explorer(" in path.read_text("utf-8")]
+WITH_EXPLORERS = [
+    path
+    for path in sorted(notebook_folder().glob("*.ipynb"))
+    if "Explorer(" in path.read_text("utf-8")
+]
 
 
 def pytest_generate_tests(metafunc):
     if "explorer_notebook" in metafunc.fixturenames:
-        names = [*(f"{kind}.ipynb" for kind in explorers.__all__), *(path.name for path in WITH_EXPLORERS)]
+        names = [
+            *(f"{kind}.ipynb" for kind in explorers.__all__),
+            *(path.name for path in WITH_EXPLORERS),
+        ]
         metafunc.parametrize("explorer_notebook", names, scope="module")
 
 
@@ -35,7 +44,10 @@ def browser():
 def lab(browser, tmp_path_factory):
     root = tmp_path_factory.mktemp("notebooks")
     for kind in explorers.__all__:
-        nbformat.write(notebook(f"from losbench.workbench.explorers import {kind}\n{kind}()"), root / f"{kind}.ipynb")
+        nbformat.write(
+            notebook(f"from losbench.workbench.explorers import {kind}\n{kind}()"),
+            root / f"{kind}.ipynb",
+        )
     for path in WITH_EXPLORERS:
         (root / path.name).write_bytes(path.read_bytes())
     with jupyterlab(root) as running:

@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-# The picture's own description: the text chunk behind the header of its PNG. Read from what the page shows, decoded.
+# The picture's own description: the text chunk behind the header of its PNG. Read from what the
+# page shows, decoded.
 _SHOWN = """async (index) => {
     const image = document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) img.widget-image')[index];
     await image.decode();
@@ -33,7 +34,9 @@ class ExplorerPage:
         for _ in range(20):
             try:
                 return str(self.page.evaluate(_SHOWN, self._index))
-            except Exception as problem:  # the picture was replaced between the two steps of reading it
+            except (
+                Exception
+            ) as problem:  # the picture was replaced between the two steps of reading it
                 last = problem
                 time.sleep(0.05)
         raise last
@@ -41,7 +44,9 @@ class ExplorerPage:
     def wait_until_shown(self, text: str | Callable[[], str], *, timeout_s: float = 10.0) -> None:
         """Return when the picture says that it shows ``text``, or what ``text()`` is by then."""
         end = time.monotonic() + timeout_s
-        while (asked := text if isinstance(text, str) else text()) not in (now := self.shown().split("; ")):
+        while (asked := text if isinstance(text, str) else text()) not in (
+            now := self.shown().split("; ")
+        ):
             if time.monotonic() > end:
                 raise AssertionError(f"the picture should show {asked!r}, but shows {now}")
             self.page.wait_for_timeout(20)
@@ -57,7 +62,8 @@ class ExplorerPage:
         parts = self.box.locator(".widget-label, .widget-button, textarea")
         return list(
             parts.evaluate_all(
-                "all => all.filter(one => one.scrollWidth > one.clientWidth || one.scrollHeight > one.clientHeight + 4)"
+                "all => all.filter(one => one.scrollWidth > one.clientWidth || one.scrollHeight > "
+                "one.clientHeight + 4)"
                 ".map(one => one.value || one.innerText)"
             )
         )
@@ -70,7 +76,9 @@ class ExplorerPage:
         """Return a text field by the beginning of its label."""
         return self.box.locator(".widget-text", has_text=label).locator("input")
 
-    def drag(self, number: int, *, across: float = 0.6, steps: int = 60, seconds: float = 1.5) -> None:
+    def drag(
+        self, number: int, *, across: float = 0.6, steps: int = 60, seconds: float = 1.5
+    ) -> None:
         """Drag a slider by mouse over a part of its track, away from the nearer end."""
         handle, _ = self.slider(number)
         handle.scroll_into_view_if_needed()

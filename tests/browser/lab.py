@@ -1,4 +1,5 @@
-"""JupyterLab in a headless Chromium: a server with settings of its own, notebooks that run, sliders that move.
+"""JupyterLab in a headless Chromium: a server with settings of its own, notebooks that run, sliders
+that move.
 
 Used by the browser tests, by the latency benchmark and by the soak test.
 """
@@ -78,12 +79,16 @@ _WATCH = """() => {
 
 
 def ask_kernel(page: Any, code: str) -> str:
-    """Run code in the kernel of the notebook in front, outside of any cell; return what it prints."""
+    """Run code in the kernel of the notebook in front, outside of any cell; return what it
+    prints.
+    """
     return str(page.evaluate(_ASK, code))
 
 
 def raised(page: Any) -> list[str]:
-    """Return the errors of the kernel since the notebook was opened, those of callbacks included."""
+    """Return the errors of the kernel since the notebook was opened, those of callbacks
+    included.
+    """
     return list(page.evaluate("() => window.raised"))
 
 
@@ -114,14 +119,26 @@ def jupyterlab(root: Path) -> Iterator[Lab]:
         home = Path(folder)
         settings = home / "settings/@jupyterlab/apputils-extension"
         settings.mkdir(parents=True)
-        (settings / "notification.jupyterlab-settings").write_text(json.dumps(_NO_NEWS), encoding="utf-8")
-        own = {"HOME": "home", "JUPYTER_CONFIG_DIR": "config", "JUPYTER_DATA_DIR": "data", "IPYTHONDIR": "ipython"}
+        (settings / "notification.jupyterlab-settings").write_text(
+            json.dumps(_NO_NEWS), encoding="utf-8"
+        )
+        own = {
+            "HOME": "home",
+            "JUPYTER_CONFIG_DIR": "config",
+            "JUPYTER_DATA_DIR": "data",
+            "IPYTHONDIR": "ipython",
+        }
         own |= {"JUPYTERLAB_SETTINGS_DIR": "settings", "JUPYTERLAB_WORKSPACES_DIR": "workspaces"}
         environment = {**os.environ, **{name: str(home / part) for name, part in own.items()}}
-        environment |= {"JUPYTER_RUNTIME_DIR": str(home / "run"), "LOSBENCH_BUILD": str(home / "build")}
+        environment |= {
+            "JUPYTER_RUNTIME_DIR": str(home / "run"),
+            "LOSBENCH_BUILD": str(home / "build"),
+        }
         lab = Lab(root, port=_free_port(), token=secrets.token_hex(16))
         with (home / "log").open("w", encoding="utf-8") as log:
-            server = subprocess.Popen(lab.command, env=environment, stdout=log, stderr=subprocess.STDOUT)
+            server = subprocess.Popen(
+                lab.command, env=environment, stdout=log, stderr=subprocess.STDOUT
+            )
         try:
             lab.wait(server, home / "log")
             yield lab
@@ -139,7 +156,14 @@ class Lab:
         self.url = f"http://127.0.0.1:{port}"
         self._token = token
         self.command = [
-            *(sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", "--expose-app-in-browser"),
+            *(
+                sys.executable,
+                "-m",
+                "jupyterlab",
+                "--no-browser",
+                "--allow-root",
+                "--expose-app-in-browser",
+            ),
             *("--ip=127.0.0.1", f"--port={port}", "--ServerApp.port_retries=0"),
             *(f"--IdentityProvider.token={token}", f"--ServerApp.root_dir={root}"),
         ]

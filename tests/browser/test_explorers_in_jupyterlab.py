@@ -1,4 +1,6 @@
-"""Every notebook with an explorer, in JupyterLab: it runs, follows key and mouse, refuses nonsense, and comes back."""
+"""Every notebook with an explorer, in JupyterLab: it runs, follows key and mouse, refuses nonsense,
+and comes back.
+"""
 
 import json
 import re
@@ -47,7 +49,9 @@ def asked_for(explorer, number):
 
 
 def wait_until_settled(readout, before):
-    """Return when the readout is another one than before, and stays: that of a log slider comes from the kernel."""
+    """Return when the readout is another one than before, and stays: that of a log slider comes
+    from the kernel.
+    """
     now = before
     for _ in range(50):
         readout.page.wait_for_timeout(200)

@@ -8,8 +8,8 @@ import pytest
 from lab import notebook
 
 from losbench.resources import build_folder
-from losbench.workbench.export import notebook_to_html
-from losbench.workbench.running import run_notebook
+from losbench.workbench.reproduction.export import notebook_to_html
+from losbench.workbench.reproduction.running import run_notebook
 
 pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
 
@@ -39,7 +39,10 @@ def drawn_without_a_network(browser, path):
         page.on("pageerror", lambda problem: failed.append(str(problem)))
         page.goto(path.as_uri())
         page.wait_for_load_state("networkidle")
-        blank = page.evaluate("() => [...document.images].filter(i => !(i.complete && i.naturalWidth)).map(i => i.src)")
+        blank = page.evaluate(
+            "() => [...document.images].filter(i => !(i.complete && i.naturalWidth)).map(i => "
+            "i.src)"
+        )
         flat = page.evaluate(
             "() => [...document.querySelectorAll('math')]"
             ".filter(m => !(m.getBoundingClientRect().width * m.getBoundingClientRect().height))"
@@ -50,7 +53,9 @@ def drawn_without_a_network(browser, path):
             r".filter(text => /\$[^$]+\$|\\(frac|begin|mathbf|alpha)/.test(text))"
         )
         cut = page.evaluate(_CUT)
-        counts = page.evaluate("() => [document.images.length, document.querySelectorAll('math').length]")
+        counts = page.evaluate(
+            "() => [document.images.length, document.querySelectorAll('math').length]"
+        )
         outside = [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
         return page.screenshot(full_page=True), outside, failed + blank + flat + left + cut, counts
 
@@ -59,7 +64,8 @@ def test_a_page_with_explorer_figure_and_formulas(browser, tmp_path, screenshots
     source = notebook(
         "from losbench.workbench.explorers import MonteCarloExplorer\nMonteCarloExplorer()",
         "import matplotlib.pyplot as plt\n_ = plt.plot([1, 2])",
-        f"import pandas as pd\npd.DataFrame([range(40)], columns=['a rather wide column'] * 40)  # {'long ' * 60}",
+        "import pandas as pd\npd.DataFrame([range(40)], columns=['a rather wide column'] * 40)  # "
+        f"{'long ' * 60}",
     )
     source.cells.insert(0, nbformat.v4.new_markdown_cell(FORMULAS, id="formulas"))
     nbformat.write(source, tmp_path / "01-page.ipynb")

@@ -1,4 +1,6 @@
-"""Notebook 20 in JupyterLab: all nine scenes on one page follow the arrow keys, at once and without an error."""
+"""Notebook 20 in JupyterLab: all nine scenes on one page follow the arrow keys, at once and without
+an error.
+"""
 
 import re
 import statistics
@@ -25,7 +27,8 @@ ORDER = [
     scenes.YourLayout,
 ]
 
-# From the key to the first frame of the screen after the new picture has been decoded, in milliseconds.
+# From the key to the first frame of the screen after the new picture has been decoded, in
+# milliseconds.
 _PRESS = """async ([handle, index]) => {
     const picture = () => document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) img.widget-image')[index];
     const before = picture().src;
@@ -45,7 +48,10 @@ _PRESS = """async ([handle, index]) => {
 def page(browser, tmp_path_factory):
     root = tmp_path_factory.mktemp("lab")
     (root / NOTEBOOK).write_bytes((notebook_folder() / NOTEBOOK).read_bytes())
-    with jupyterlab(root) as lab, browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
+    with (
+        jupyterlab(root) as lab,
+        browser.new_context(viewport={"width": 1280, "height": 1000}) as context,
+    ):
         page = context.new_page()
         lab.open(page, NOTEBOOK)
         lab.run_all(page)
@@ -66,4 +72,6 @@ def test_a_scene_follows_its_slider(page, screenshots, index):
     page.screenshot(path=screenshots / f"lab-{ORDER[index].__name__}.png")
     scene.button("reset").click()
     assert raised(page) == []
-    assert statistics.median(took) < 1000.0  # 0.3 s is the aim; a busy machine is given three times as long
+    assert (
+        statistics.median(took) < 1000.0
+    )  # 0.3 s is the aim; a busy machine is given three times as long

@@ -52,7 +52,9 @@ def lumpy(seed):
     rng = np.random.default_rng(seed)
     p = int(rng.choice([4, 5, 6, 6]))
     m = int(rng.integers(p + 3, 16))
-    return rng.standard_normal((2 * m, p)) * np.exp(0.4 * rng.standard_normal((2 * m, 1))), np.arange(2 * m) // 2
+    return rng.standard_normal((2 * m, p)) * np.exp(
+        0.4 * rng.standard_normal((2 * m, 1))
+    ), np.arange(2 * m) // 2
 
 
 @pytest.mark.parametrize("seed", [3, 43, 179, 236])
@@ -71,7 +73,9 @@ def test_no_other_climb_finds_a_worse_direction(seed):
             return -size[-k:].sum() / size.sum()
 
         for start in sorted(tries, key=missing)[:3]:
-            best = minimize(missing, start, method="Nelder-Mead", options={"maxiter": 2000, "fatol": 1e-12})
+            best = minimize(
+                missing, start, method="Nelder-Mead", options={"maxiter": 2000, "fatol": 1e-12}
+            )
             assert -best.fun <= found.shares[k] + 1e-6
 
 
@@ -88,7 +92,9 @@ def test_the_direction_does_what_is_said_of_it(seed):
 
 @pytest.mark.parametrize("count", [6, 8])
 def test_huber_breaks_where_the_design_says(count):
-    """Bad spots that pull where the design is weakest: survived up to `monotone`, and not one more."""
+    """Bad spots that pull where the design is weakest: survived up to `monotone`, and not one
+    more.
+    """
     design, spot = ring(count)
     found = lb.design_breakdown(design, group=spot)
     pull = np.linalg.norm((design @ found.direction).reshape(-1, 2), axis=1)
@@ -113,7 +119,10 @@ def test_deletion_residuals_are_those_of_statsmodels():
 
 def test_masking_one_bad_row_is_seen_and_two_hide_each_other():
     x = np.arange(12.0)
-    design, y = np.column_stack([np.ones(12), x]), 0.1 * np.random.default_rng(4).standard_normal(12)
+    design, y = (
+        np.column_stack([np.ones(12), x]),
+        0.1 * np.random.default_rng(4).standard_normal(12),
+    )
     y[11] += 5.0
     assert np.abs(lb.deletion_residuals(lb.lstsq(design, y))).argmax() == 11
     assert np.abs(lb.deletion_residuals(lb.lstsq(design, y)))[11] > 10
@@ -126,7 +135,9 @@ def test_masking_one_bad_row_is_seen_and_two_hide_each_other():
 def test_a_matrix_is_asked_for():
     with pytest.raises(ValueError, match=r"A must have 2 dimensions, got shape \(3,\)"):
         lb.design_breakdown([1.0, 2.0, 3.0])
-    with pytest.raises(ValueError, match="A must have at least as many rows as columns, got 1 rows and 2 columns"):
+    with pytest.raises(
+        ValueError, match="A must have at least as many rows as columns, got 1 rows and 2 columns"
+    ):
         lb.design_breakdown([[1.0, 2.0]])
     with pytest.raises(ValueError, match="A must determine all 2 unknowns, got a matrix of rank 1"):
         lb.design_breakdown(np.ones((6, 2)))

@@ -29,7 +29,9 @@ def ring(count):
 
 def test_mm_of_stackloss_as_robustbase_lmrob():
     fit = lb.mm(A, Y)
-    np.testing.assert_allclose(fit.x, [-41.5246116702, 0.9388454769, 0.5795527442, -0.1129218620], atol=1e-4)
+    np.testing.assert_allclose(
+        fit.x, [-41.5246116702, 0.9388454769, 0.5795527442, -0.1129218620], atol=1e-4
+    )
     assert fit.scale == pytest.approx(1.91235190667, abs=1e-4)
     assert fit.converged
     assert fit.outliers().nonzero()[0].tolist() == [3, 20]
@@ -37,7 +39,9 @@ def test_mm_of_stackloss_as_robustbase_lmrob():
 
 def test_lts_of_stackloss_as_robustbase_ltsreg():
     fit = lb.lts(A, Y)
-    np.testing.assert_allclose(fit.x, [-37.65245890, 0.79768556, 0.57734046, -0.06706018], atol=1e-8)
+    np.testing.assert_allclose(
+        fit.x, [-37.65245890, 0.79768556, 0.57734046, -0.06706018], atol=1e-8
+    )
     assert (fit.weights == 0).nonzero()[0].tolist() == [0, 2, 3, 20]
     again = lb.lstsq(A[fit.weights > 0], Y[fit.weights > 0])
     np.testing.assert_allclose(fit.x, again.x, rtol=1e-9)
@@ -48,12 +52,16 @@ def trimmed_sum(x, h):
 
 
 def test_lts_finds_the_least_trimmed_sum_of_all_subsets():
-    """All C(21, 12) of them, one by one; S-PLUS's ltsreg stops at (-35.80556, 0.75, 1/3, 0), which is not the least."""
+    """All C(21, 12) of them, one by one; S-PLUS's ltsreg stops at (-35.80556, 0.75, 1/3, 0), which
+    is not the least.
+    """
     masks = np.zeros((293930, 21))
     np.put_along_axis(masks, np.array(list(combinations(range(21), 12))), 1.0, axis=1)
     scaled = A / np.linalg.norm(A, axis=0)
     normal = np.einsum("kn,ni,nj->kij", masks, scaled, scaled, optimize=True)
-    x = np.linalg.solve(normal + 1e-15 * np.eye(4), np.einsum("kn,ni,n->ki", masks, scaled, Y)[..., None])[..., 0]
+    x = np.linalg.solve(
+        normal + 1e-15 * np.eye(4), np.einsum("kn,ni,n->ki", masks, scaled, Y)[..., None]
+    )[..., 0]
     best = np.argmin(np.sum(masks * (x @ scaled.T - Y) ** 2, axis=1))
     exact = lb.lstsq(A[masks[best] > 0], Y[masks[best] > 0]).x
     assert trimmed_sum(exact, 12) < trimmed_sum(np.array([-35.80556, 0.75, 1 / 3, 0.0]), 12)
@@ -116,9 +124,17 @@ def test_a_cubic_in_seconds_is_the_cubic_in_megaseconds(fit):
 @pytest.mark.parametrize(("n", "starts"), [(10, 500), (60, 37)])
 def test_starts_in_several_blocks_are_those_in_one(fit, n, starts, monkeypatch):
     design, y = RNG.standard_normal((n, 3)), RNG.standard_t(2, (4, n))
-    whole = fit(design, y, starts=starts, on_fail="ignore") if fit is lb.mm else fit(design, y, starts=starts)
+    whole = (
+        fit(design, y, starts=starts, on_fail="ignore")
+        if fit is lb.mm
+        else fit(design, y, starts=starts)
+    )
     monkeypatch.setattr(search, "_BLOCK_ELEMENTS", 10 * 3 * n)
-    parts = fit(design, y, starts=starts, on_fail="ignore") if fit is lb.mm else fit(design, y, starts=starts)
+    parts = (
+        fit(design, y, starts=starts, on_fail="ignore")
+        if fit is lb.mm
+        else fit(design, y, starts=starts)
+    )
     np.testing.assert_allclose(parts.x, whole.x, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(parts.weights, whole.weights, atol=1e-6)
 
@@ -152,15 +168,21 @@ def test_a_batch_is_its_systems_one_by_one(fit, group):
     for i, j in np.ndindex(2, 3):
         single = fit(design, y[i, j], group=group)
         for name in ("x", "scale", "weights", "residuals", "cov"):
-            np.testing.assert_allclose(getattr(whole, name)[i, j], getattr(single, name), rtol=1e-6, atol=1e-9)
-            np.testing.assert_allclose(getattr(own, name)[i, j], getattr(single, name), rtol=1e-6, atol=1e-9)
+            np.testing.assert_allclose(
+                getattr(whole, name)[i, j], getattr(single, name), rtol=1e-6, atol=1e-9
+            )
+            np.testing.assert_allclose(
+                getattr(own, name)[i, j], getattr(single, name), rtol=1e-6, atol=1e-9
+            )
 
 
 def test_many_systems_go_through_in_parts():
     design, spot = ring(8)
     y = RNG.standard_normal((7000, 16))
     whole = lb.lts(design, y, group=spot)
-    np.testing.assert_allclose(whole.x[-5:], lb.lts(design, y[-5:], group=spot).x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        whole.x[-5:], lb.lts(design, y[-5:], group=spot).x, rtol=1e-9, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("fit", FITS)
@@ -178,7 +200,8 @@ def test_a_known_scale_is_used_and_reported(fit):
 
 
 @pytest.mark.parametrize(
-    ("fit", "n", "low", "high"), [(lb.mm, 40, 0.95, 1.06), (lb.lts, 40, 1.0, 1.35), (lb.lts, 200, 1.0, 1.15)]
+    ("fit", "n", "low", "high"),
+    [(lb.mm, 40, 0.95, 1.06), (lb.lts, 40, 1.0, 1.35), (lb.lts, 200, 1.0, 1.15)],
 )
 def test_predicted_errors_against_the_scatter_on_normal_errors(fit, n, low, high):
     design = np.random.default_rng(2).standard_normal((n, 3))
@@ -197,7 +220,9 @@ def test_rows_thrown_out_lend_no_leverage_to_the_predicted_errors(fit):
     y[:, 30:] += 1000.0
     result = fit(design, y)
     assert not result.weights[:, 30:].any()
-    ratio = np.sqrt(np.mean(result.x**2, axis=0) / np.mean(np.diagonal(result.cov, axis1=1, axis2=2), axis=0))
+    ratio = np.sqrt(
+        np.mean(result.x**2, axis=0) / np.mean(np.diagonal(result.cov, axis1=1, axis2=2), axis=0)
+    )
     assert ((ratio > 0.9) & (ratio < (1.35 if fit is lb.lts else 1.12))).all()
 
 
@@ -216,7 +241,9 @@ def test_random_starts_repeat_and_can_be_drawn_anew():
     y = design @ np.ones(4) * np.repeat([-3.0, 5.0], 30) + RNG.standard_normal(60)
     for fit in FITS:
         np.testing.assert_array_equal(fit(design, y).x, fit(design, y, rng=None).x)
-        np.testing.assert_array_equal(fit(design, y, rng=3).x, fit(design, y, rng=np.random.default_rng(3)).x)
+        np.testing.assert_array_equal(
+            fit(design, y, rng=3).x, fit(design, y, rng=np.random.default_rng(3)).x
+        )
         few = [fit(design, y, starts=1, rng=seed).x for seed in range(6)]
         assert np.ptp(few, axis=0).max() > 1.0
 
@@ -247,7 +274,9 @@ def test_as_many_rows_as_unknowns_is_an_equation(fit, p):
     n=st.integers(1, 9),
     p=st.integers(1, 4),
     size=st.integers(-300, 290),
-    kind=st.sampled_from(["ties", "zeros", "normal", "outliers", "equal rows", "zero column", "perfect"]),
+    kind=st.sampled_from(
+        ["ties", "zeros", "normal", "outliers", "equal rows", "zero column", "perfect"]
+    ),
     fit=st.sampled_from(FITS),
     rows=st.integers(1, 3),
 )
@@ -283,20 +312,41 @@ BAD = [
     (lb.mm, {"efficiency": 1.0}, r"efficiency must be within what Bisquare can have, .*, got 1"),
     *((fit, {"starts": 0}, r"starts must be a whole number of at least 1, got 0") for fit in FITS),
     *((fit, {"scale": -1.0}, r"scale must be positive, got -1") for fit in FITS),
-    *((fit, {"scale": True}, r"scale must be a name, a number or a callable, got True") for fit in FITS),
+    *(
+        (fit, {"scale": True}, r"scale must be a name, a number or a callable, got True")
+        for fit in FITS
+    ),
     *(
         (fit, {"rng": rng}, r"rng must be a numpy Generator or a seed of at least 0, got")
         for fit in FITS
         for rng in ("a", 1.5, True)
     ),
-    (lb.lts, {"y": np.arange(8).astype("datetime64[s]")}, r"y must be an array of numbers, got ndarray of datetime64"),
-    (lb.mm, {"y": np.arange(8).astype("timedelta64[s]")}, r"y must be an array of numbers, got ndarray of timedelta64"),
+    (
+        lb.lts,
+        {"y": np.arange(8).astype("datetime64[s]")},
+        r"y must be an array of numbers, got ndarray of datetime64",
+    ),
+    (
+        lb.mm,
+        {"y": np.arange(8).astype("timedelta64[s]")},
+        r"y must be an array of numbers, got ndarray of timedelta64",
+    ),
     (lb.lts, {"y": ["1"] * 8}, r"y must be an array of numbers, got list"),
     (lb.mm, {"y": np.full(8, 1.0j)}, r"y must be an array of numbers, got ndarray of complex128"),
-    *((fit, {"group": [1]}, r"group must have shape \(8,\) to match the 8 rows of A, got \(1,\)") for fit in FITS),
-    *((fit, {"y": np.full(8, np.nan)}, r"y must be finite, got 8 NaN or infinite of 8 values") for fit in FITS),
     *(
-        (fit, {"y": np.zeros(7)}, r"y must have shape \(\.\.\., 8\) to match the 8 rows of A, got \(7,\)")
+        (fit, {"group": [1]}, r"group must have shape \(8,\) to match the 8 rows of A, got \(1,\)")
+        for fit in FITS
+    ),
+    *(
+        (fit, {"y": np.full(8, np.nan)}, r"y must be finite, got 8 NaN or infinite of 8 values")
+        for fit in FITS
+    ),
+    *(
+        (
+            fit,
+            {"y": np.zeros(7)},
+            r"y must have shape \(\.\.\., 8\) to match the 8 rows of A, got \(7,\)",
+        )
         for fit in FITS
     ),
 ]

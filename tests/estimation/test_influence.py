@@ -21,7 +21,9 @@ def test_hubers_efficiency_is_the_closed_form(c):
     assert lb.efficiency(lb.Huber(c)) == pytest.approx(huber_efficiency(c), abs=1e-12)
 
 
-@pytest.mark.parametrize(("loss", "percent"), [(lb.Huber(1.345), 95.0), (lb.Huber(1.5), 96.4), (lb.Huber(1.0), 90.3)])
+@pytest.mark.parametrize(
+    ("loss", "percent"), [(lb.Huber(1.345), 95.0), (lb.Huber(1.5), 96.4), (lb.Huber(1.0), 90.3)]
+)
 def test_hubers_efficiency_is_the_printed_one(loss, percent):
     assert 100 * lb.efficiency(loss) == pytest.approx(percent, abs=0.05)
 
@@ -36,18 +38,24 @@ def test_the_default_constants_are_those_of_95_percent(loss):
 
 @pytest.mark.parametrize("loss", AT_95, ids=lambda loss: type(loss).__name__)
 def test_the_efficiency_shows_in_simulation(loss):
-    """20 000 samples of 200 with a MAD scale; the mean of the same samples serves as control variate."""
+    """20 000 samples of 200 with a MAD scale; the mean of the same samples serves as control
+    variate.
+    """
     y = np.random.default_rng(7).standard_normal((20_000, 200))
     centre = lb.irls(np.ones((200, 1)), y, loss=loss, scale="mad", max_iter=300, tol=1e-7).x[:, 0]
     assert y.mean(axis=1).var() / centre.var() == pytest.approx(0.95, abs=0.01)
 
 
-@pytest.mark.parametrize("loss", [lb.Huber(), lb.tuned(lb.Bisquare(), rows=2)], ids=["Huber", "Bisquare"])
+@pytest.mark.parametrize(
+    "loss", [lb.Huber(), lb.tuned(lb.Bisquare(), rows=2)], ids=["Huber", "Bisquare"]
+)
 def test_the_efficiency_of_pairs_with_one_weight_shows_in_simulation(loss):
     pairs = np.repeat(np.arange(60), 2)
     design = np.tile(np.eye(2), (60, 1))
     y = np.random.default_rng(8).standard_normal((8000, 120))
-    ratio = lb.lstsq(design, y).x.var() / lb.irls(design, y, loss=loss, scale=1.0, group=pairs).x.var()
+    ratio = (
+        lb.lstsq(design, y).x.var() / lb.irls(design, y, loss=loss, scale=1.0, group=pairs).x.var()
+    )
     assert ratio == pytest.approx(lb.efficiency(loss, rows=2), abs=0.01)
 
 
@@ -70,12 +78,17 @@ def test_a_foreign_norm_has_an_efficiency_too():
             return lb.Huber().weights(u)
 
     assert lb.efficiency(Unhashable()) == pytest.approx(0.95, abs=1e-4)
-    with pytest.raises(ValueError, match="loss must be a dataclass whose fields are its constants, got"):
+    with pytest.raises(
+        ValueError, match="loss must be a dataclass whose fields are its constants, got"
+    ):
         lb.tuned(Unhashable())
 
 
 def test_an_efficiency_out_of_reach_is_refused():
-    with pytest.raises(ValueError, match=r"efficiency must be within what Huber can have, 0\.6.* to 1\.0.*, got 0\.5"):
+    with pytest.raises(
+        ValueError,
+        match=r"efficiency must be within what Huber can have, 0\.6.* to 1\.0.*, got 0\.5",
+    ):
         lb.tuned(lb.Huber(), 0.5)
 
 
@@ -85,7 +98,9 @@ def test_the_influence_function_is_the_limit_of_sensitivity_curves():
     for loss in AT_95:
 
         def centre(y, loss=loss):
-            return lb.irls(np.ones((y.shape[-1], 1)), y, loss=loss, scale=1.0, tol=1e-13, max_iter=500).x[..., 0]
+            return lb.irls(
+                np.ones((y.shape[-1], 1)), y, loss=loss, scale=1.0, tol=1e-13, max_iter=500
+            ).x[..., 0]
 
         found = lb.sensitivity_curve(centre, quantiles, at)
         np.testing.assert_allclose(found, lb.influence_function(loss, at), atol=4e-3)
@@ -101,7 +116,8 @@ def test_the_median_has_a_step_and_the_mean_no_bound():
 
 def test_a_sensitivity_curve_asks_for_one_number_for_each_sample():
     message = (
-        r"estimate must work along axis=-1 and return one number for each sample, shape \(3,\) for samples \(3, 5\)"
+        r"estimate must work along axis=-1 and return one number for each sample, shape \(3,\) for "
+        r"samples \(3, 5\)"
     )
     for estimate in (np.median, lambda y: np.median(y, axis=0), lambda y: y):
         with pytest.raises(ValueError, match=message):
@@ -110,12 +126,16 @@ def test_a_sensitivity_curve_asks_for_one_number_for_each_sample():
 
 def test_gross_error_sensitivities():
     c = 1.345
-    assert lb.gross_error_sensitivity(lb.Huber(c)) == pytest.approx(c / (2 * norm.cdf(c) - 1), rel=1e-9)
+    assert lb.gross_error_sensitivity(lb.Huber(c)) == pytest.approx(
+        c / (2 * norm.cdf(c) - 1), rel=1e-9
+    )
     small = lb.gross_error_sensitivity(lb.Huber(1e-3))
     assert small == pytest.approx(np.sqrt(np.pi / 2), rel=1e-3)
     for loss in AT_95:
         u = np.linspace(0, 30, 3001)
-        assert lb.gross_error_sensitivity(loss) == pytest.approx(lb.influence_function(loss, u).max(), rel=1e-4)
+        assert lb.gross_error_sensitivity(loss) == pytest.approx(
+            lb.influence_function(loss, u).max(), rel=1e-4
+        )
 
     class Squares:
         def weights(self, u):

@@ -6,7 +6,15 @@ import pytest
 import losbench as lb
 from losbench.estimation.losses import psi_deriv
 
-LOSSES = [lb.Huber(), lb.Huber(0.7), lb.Bisquare(), lb.Bisquare(3.0), lb.Cauchy(), lb.Cauchy(1.1), lb.Welsch()]
+LOSSES = [
+    lb.Huber(),
+    lb.Huber(0.7),
+    lb.Bisquare(),
+    lb.Bisquare(3.0),
+    lb.Cauchy(),
+    lb.Cauchy(1.1),
+    lb.Welsch(),
+]
 LOSSES += [lb.Welsch(0.9), lb.Hampel(), lb.Hampel(1.1, 1.1, 3.0)]
 U = np.array([-30.0, -4.0, -1.2, -0.3, 0.0, 0.5, 1.0, 2.2, 7.0])
 
@@ -14,8 +22,12 @@ U = np.array([-30.0, -4.0, -1.2, -0.3, 0.0, 0.5, 1.0, 2.2, 7.0])
 @pytest.mark.parametrize("loss", LOSSES)
 def test_psi_is_the_slope_of_rho_and_weight_is_psi_over_u(loss):
     step = 1e-6
-    np.testing.assert_allclose((loss.rho(U + step) - loss.rho(U - step)) / (2 * step), loss.psi(U), atol=1e-8)
-    np.testing.assert_allclose((loss.psi(U + step) - loss.psi(U - step)) / (2 * step), loss.psi_deriv(U), atol=1e-8)
+    np.testing.assert_allclose(
+        (loss.rho(U + step) - loss.rho(U - step)) / (2 * step), loss.psi(U), atol=1e-8
+    )
+    np.testing.assert_allclose(
+        (loss.psi(U + step) - loss.psi(U - step)) / (2 * step), loss.psi_deriv(U), atol=1e-8
+    )
     np.testing.assert_allclose(loss.weights(U) * U, loss.psi(U), atol=1e-15)
     assert loss.weights(np.zeros(1))[0] == 1.0
     assert np.isfinite(loss.weights(np.array([1e300, -np.inf]))).all()
@@ -34,7 +46,9 @@ def test_losses_agree_with_statsmodels(ours, theirs, constants):
 
     peer = getattr(norms, theirs)(*constants)
     for name in ("rho", "psi", "weights", "psi_deriv"):
-        np.testing.assert_allclose(getattr(ours, name)(U), getattr(peer, name)(U), rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(
+            getattr(ours, name)(U), getattr(peer, name)(U), rtol=1e-12, atol=1e-14
+        )
 
 
 def test_cauchy_is_students_t_with_one_degree_of_freedom():
@@ -42,7 +56,9 @@ def test_cauchy_is_students_t_with_one_degree_of_freedom():
 
     log_density = t(1).logpdf(U / 2.0)
     np.testing.assert_allclose(log_density, cauchy.logpdf(U / 2.0), rtol=1e-12)
-    np.testing.assert_allclose(lb.Cauchy(2.0).rho(U), 2.0 * (t(1).logpdf(0.0) - log_density), atol=1e-12)
+    np.testing.assert_allclose(
+        lb.Cauchy(2.0).rho(U), 2.0 * (t(1).logpdf(0.0) - log_density), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("loss", LOSSES)

@@ -1,4 +1,6 @@
-"""How well one record tells a variance, against the closed forms of a first-order autoregression."""
+"""How well one record tells a variance, against the closed forms of a first-order
+autoregression.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +23,9 @@ def test_the_variance_of_the_mean_is_put_back(memory):
     rho, series = memory
     lost, _ = variance_sampling(series)
     expected = (1.0 + rho) / (1.0 - rho) / N
-    assert lost.mean() == pytest.approx(expected, rel=0.2)  # summing up to the first negative lag adds a little
+    assert lost.mean() == pytest.approx(
+        expected, rel=0.2
+    )  # summing up to the first negative lag adds a little
     assert series.mean(axis=0).var() == pytest.approx(expected, rel=0.25)
 
 
@@ -44,5 +48,7 @@ def test_a_missing_sample_is_left_out(memory):
 
 def test_columns_do_not_meet(memory):
     _, series = memory
-    for batch, alone in zip(variance_sampling(series[:, :3]), variance_sampling(series[:, 1]), strict=True):
+    for batch, alone in zip(
+        variance_sampling(series[:, :3]), variance_sampling(series[:, 1]), strict=True
+    ):
         assert batch[1] == pytest.approx(float(alone), rel=1e-9)

@@ -41,13 +41,17 @@ def test_the_same_bits_for_any_number_of_threads(workers):
 
 @pytest.mark.parametrize("executor", [MapOnly(), SubmitOnly()])
 def test_map_or_submit_is_enough(executor):
-    alone, together = (lb.monte_carlo(throw, 70, seed=1, chunk=20, executor=e) for e in (None, executor))
+    alone, together = (
+        lb.monte_carlo(throw, 70, seed=1, chunk=20, executor=e) for e in (None, executor)
+    )
     np.testing.assert_array_equal(alone["x"], together["x"])
 
 
 def test_the_same_bits_from_other_processes(tmp_path, monkeypatch):
     # Workers import the trial by name, so it has to live in a module that they find.
-    (tmp_path / "dice.py").write_text("def trial(rng, size):\n    return {'x': rng.integers(1, 7, size)}\n")
+    (tmp_path / "dice.py").write_text(
+        "def trial(rng, size):\n    return {'x': rng.integers(1, 7, size)}\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     trial = importlib.import_module("dice").trial
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
@@ -107,8 +111,12 @@ def test_bad_input_is_refused_by_name(change, error, message):
 
 
 def test_a_dask_client_gives_the_same_bits():
-    distributed = pytest.importorskip("distributed", reason="distributed is missing: pip install losbench[cluster]")
-    with distributed.Client(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as client:
+    distributed = pytest.importorskip(
+        "distributed", reason="distributed is missing: pip install losbench[cluster]"
+    )
+    with distributed.Client(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+    ) as client:
         together = lb.monte_carlo(throw, 700, seed=3, chunk=300, executor=client.get_executor())
     alone = lb.monte_carlo(throw, 700, seed=3, chunk=300)
     for name, values in alone.items():

@@ -18,17 +18,34 @@ def r_mad(residuals):
     return np.median(np.abs(residuals), axis=-1) / 0.6745
 
 
-# Coefficients: intercept, air flow, water temperature, acid concentration. R 4, MASS::rlm run to convergence.
+# Coefficients: intercept, air flow, water temperature, acid concentration. R 4, MASS::rlm run to
+# convergence.
 STACKLOSS = {
     "R Huber": (
         {"scale": r_mad},
         [-41.0264853733, 0.8293857703, 0.9260594155, -0.1278463180],
         2.44048904599,
     ),
-    "mad": ({"scale": "mad"}, [-41.0264983524, 0.8293843346, 0.9260659662, -0.1278467249], 2.4405360917),
-    "std": ({"scale": "std"}, [-41.1756905761, 0.8128817813, 1.0013643580, -0.1325248831], 2.9813173476),
-    "std1": ({"scale": "std1"}, [-41.1898662492, 0.8106142562, 1.0111953207, -0.1331259997], 3.0513810978),
-    "rms": ({"scale": "rms"}, [-41.1762332327, 0.8128217566, 1.0016382407, -0.1325418989], 2.9832843305),
+    "mad": (
+        {"scale": "mad"},
+        [-41.0264983524, 0.8293843346, 0.9260659662, -0.1278467249],
+        2.4405360917,
+    ),
+    "std": (
+        {"scale": "std"},
+        [-41.1756905761, 0.8128817813, 1.0013643580, -0.1325248831],
+        2.9813173476,
+    ),
+    "std1": (
+        {"scale": "std1"},
+        [-41.1898662492, 0.8106142562, 1.0111953207, -0.1331259997],
+        3.0513810978,
+    ),
+    "rms": (
+        {"scale": "rms"},
+        [-41.1762332327, 0.8128217566, 1.0016382407, -0.1325418989],
+        2.9832843305,
+    ),
     "fixed": ({"scale": 2.5}, [-41.0429034193, 0.8275697260, 0.9343457219, -0.1283611318], 2.5),
     "R bisquare": (
         {"scale": r_mad, "loss": lb.Bisquare(4.685)},
@@ -49,7 +66,9 @@ def test_stackloss(name):
 
 def test_stackloss_least_squares_as_r_lm():
     fit = lb.lstsq(A, Y)
-    np.testing.assert_allclose(fit.x, [-39.9196744201, 0.7156402005, 1.2952861244, -0.1521225191], atol=1e-10)
+    np.testing.assert_allclose(
+        fit.x, [-39.9196744201, 0.7156402005, 1.2952861244, -0.1521225191], atol=1e-10
+    )
     assert fit.scale == pytest.approx(3.243363918, abs=1e-9)
     np.testing.assert_allclose(fit.cov, 3.243363918**2 * np.linalg.inv(A.T @ A), rtol=1e-8)
     np.testing.assert_allclose(fit.leverage, np.diag(A @ np.linalg.pinv(A)), atol=1e-12)
@@ -81,14 +100,18 @@ def test_a_batch_agrees_with_statsmodels(scale, model, n, p):
     y = design @ np.arange(1.0, p + 1) + rng.standard_t(3, (30, n))
     ours = lb.irls(design, y, scale=scale, tol=1e-13, max_iter=5000)
     for i in range(30):
-        theirs = model(y[i], design[i], M=norms.HuberT(1.345)).fit(conv="coefs", tol=1e-13, maxiter=5000)
+        theirs = model(y[i], design[i], M=norms.HuberT(1.345)).fit(
+            conv="coefs", tol=1e-13, maxiter=5000
+        )
         np.testing.assert_allclose(ours.x[i], theirs.params, rtol=0, atol=1e-9)
         np.testing.assert_allclose(ours.weights[i], theirs.weights, rtol=0, atol=1e-8)
 
 
 def test_leverage_as_the_gnu_scientific_library():
     fit = lb.irls(A, Y, leverage=True, **EXACT)
-    np.testing.assert_allclose(fit.x, [-41.34693336, 0.815330852, 0.9996681733, -0.1315225194], atol=1e-8)
+    np.testing.assert_allclose(
+        fit.x, [-41.34693336, 0.815330852, 0.9996681733, -0.1315225194], atol=1e-8
+    )
     judged = np.abs(fit.residuals) / np.sqrt(1 - fit.leverage)
     assert fit.scale == pytest.approx(np.median(np.sort(judged)[3:]) / 0.6745, rel=1e-9)
     np.testing.assert_allclose(fit.weights, np.minimum(1, 1.345 * fit.scale / judged), rtol=1e-9)
@@ -106,7 +129,9 @@ def test_leverage_in_a_batch_is_that_of_each_system():
             np.testing.assert_allclose(whole.x[i, j], single.x, rtol=1e-8)
             np.testing.assert_allclose(whole.cov[i, j], single.cov, rtol=1e-6)
     shared = lb.irls(design[0, 0], y, leverage=True, **EXACT)
-    np.testing.assert_allclose(shared.x[2, 1], lb.irls(design[0, 0], y[2, 1], leverage=True, **EXACT).x, rtol=1e-8)
+    np.testing.assert_allclose(
+        shared.x[2, 1], lb.irls(design[0, 0], y[2, 1], leverage=True, **EXACT).x, rtol=1e-8
+    )
 
 
 def test_a_row_that_fixes_an_unknown_alone_is_no_division_by_zero():
@@ -119,14 +144,20 @@ def test_a_row_that_fixes_an_unknown_alone_is_no_division_by_zero():
 
 
 def test_a_norm_of_statsmodels_serves_as_loss():
-    ours, theirs = (lb.irls(A, Y, loss=loss) for loss in (lb.Bisquare(4.685), norms.TukeyBiweight(4.685)))
+    ours, theirs = (
+        lb.irls(A, Y, loss=loss) for loss in (lb.Bisquare(4.685), norms.TukeyBiweight(4.685))
+    )
     np.testing.assert_allclose(ours.x, theirs.x, rtol=1e-12)
     np.testing.assert_allclose(ours.cov, theirs.cov, rtol=1e-9)
 
 
 def scatter(fit):
-    """Empirical over predicted standard deviation of the unknowns, over a batch with true unknowns of 0."""
-    return np.sqrt(np.mean(fit.x**2, axis=0) / np.mean(np.diagonal(fit.cov, axis1=1, axis2=2), axis=0))
+    """Empirical over predicted standard deviation of the unknowns, over a batch with true unknowns
+    of 0.
+    """
+    return np.sqrt(
+        np.mean(fit.x**2, axis=0) / np.mean(np.diagonal(fit.cov, axis1=1, axis2=2), axis=0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -136,8 +167,13 @@ def scatter(fit):
         pytest.param(lambda a, y: lb.lstsq(a, y, scale=2.0), id="least squares, known scale"),
         pytest.param(lambda a, y: lb.irls(a, y, scale="mad"), id="Huber"),
         pytest.param(lambda a, y: lb.irls(a, y, scale=2.0), id="Huber, known scale"),
-        pytest.param(lambda a, y: lb.irls(a, y, scale=2.0, group=np.arange(40) // 2), id="Huber, pairs"),
-        pytest.param(lambda a, y: lb.irls(a, y, scale="mad", group=np.arange(40) // 2), id="Huber, pairs, mad"),
+        pytest.param(
+            lambda a, y: lb.irls(a, y, scale=2.0, group=np.arange(40) // 2), id="Huber, pairs"
+        ),
+        pytest.param(
+            lambda a, y: lb.irls(a, y, scale="mad", group=np.arange(40) // 2),
+            id="Huber, pairs, mad",
+        ),
         pytest.param(lambda a, y: lb.irls(a, y, loss=lb.Bisquare(), max_iter=1000), id="bisquare"),
     ],
 )
@@ -170,9 +206,14 @@ def test_a_start_decides_for_a_redescending_loss():
 
 def test_the_summary_names_loss_scale_state_and_doubted_rows():
     fit = lb.irls(A, Y, scale="std")
-    assert repr(fit).startswith("RobustFit(21 x 4, loss Huber(c=1.345), scale std = 2.98132, converged in ")
+    assert repr(fit).startswith(
+        "RobustFit(21 x 4, loss Huber(c=1.345), scale std = 2.98132, converged in "
+    )
     text = fit.summary()
-    assert f"{np.count_nonzero(fit.weights < 1)} of 21 rows have a weight below 1, lowest first:" in text
+    assert (
+        f"{np.count_nonzero(fit.weights < 1)} of 21 rows have a weight below 1, lowest first:"
+        in text
+    )
     assert len(text.splitlines()) <= 25
     assert f"{fit.x[0]:.6g}" in text
     batch = lb.irls(A, np.stack([Y, 2 * Y]), scale=r_mad)

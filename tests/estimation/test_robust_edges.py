@@ -121,7 +121,10 @@ def test_weights_and_unknowns_are_always_numbers(seed, n, p, size, kind, scale, 
 
 BAD = [
     ({"A": A[:2]}, r"y must have shape \(\.\.\., 2\) to match the 2 rows of A, got \(8,\)"),
-    ({"A": A[:2], "y": Y[:2]}, r"A must have at least as many rows as columns, got 2 rows and 3 columns"),
+    (
+        {"A": A[:2], "y": Y[:2]},
+        r"A must have at least as many rows as columns, got 2 rows and 3 columns",
+    ),
     ({"A": A[0]}, r"A must have shape \(\.\.\., n, p\), got \(3,\)"),
     ({"A": np.zeros((0, 3))}, r"A must hold at least one sample, got shape \(0, 3\)"),
     ({"A": np.where(A > 1, np.nan, A)}, r"A must be finite, got \d+ NaN or infinite of 24 values"),
@@ -138,7 +141,10 @@ BAD = [
     ({"scale": "iqr"}, r"scale must be one of 'std', 'std1', 'rms', 'mad', got 'iqr'"),
     ({"scale": 0.0}, r"scale must be positive, got 0"),
     ({"scale": [1.0, 2.0]}, r"scale must broadcast to the batch \(\), got shape \(2,\)"),
-    ({"scale": np.median}, r"scale must turn residuals .* into one non-negative number for each system"),
+    (
+        {"scale": np.median},
+        r"scale must turn residuals .* into one non-negative number for each system",
+    ),
     ({"scale": lambda r: np.full(len(r), np.nan)}, r"scale must turn residuals .*"),
     ({"loss": lb.Huber}, r"loss must be an object, Huber\(\.\.\.\), got the class Huber itself"),
     ({"loss": 3.0}, r"loss must have a method weights\(u\), got 3\.0"),
@@ -163,11 +169,16 @@ def test_bad_input_is_refused_by_name(change, message):
 
 def test_failure_to_converge_is_said_once_and_the_last_iterate_kept():
     y = np.random.default_rng(1).standard_t(2, (6, 8))
-    with pytest.warns(RuntimeWarning, match=r"irls: 6 of 6 systems did not converge in 2 iterations; .* \.converged"):
+    with pytest.warns(
+        RuntimeWarning,
+        match=r"irls: 6 of 6 systems did not converge in 2 iterations; .* \.converged",
+    ):
         fit = lb.irls(A, y, scale="std", max_iter=2, tol=0.0)
     assert not fit.converged.any()
     assert (fit.n_iter == 2).all()
-    assert "NOT CONVERGED in 2 iterations" in repr(lb.irls(A, y[0], scale="std", max_iter=2, tol=0.0, on_fail="ignore"))
+    assert "NOT CONVERGED in 2 iterations" in repr(
+        lb.irls(A, y[0], scale="std", max_iter=2, tol=0.0, on_fail="ignore")
+    )
     with pytest.raises(RuntimeError, match="6 of 6 systems did not converge in 2 iterations"):
         lb.irls(A, y, scale="std", max_iter=2, tol=0.0, on_fail="raise")
 
@@ -186,13 +197,17 @@ def test_a_loss_must_weigh_a_perfect_residual_and_any_shape():
     from statsmodels.robust import norms
 
     with pytest.raises(
-        ValueError, match=r"loss must give each u a finite weight, u = 0 of a perfect fit too, got .*nan"
+        ValueError,
+        match=r"loss must give each u a finite weight, u = 0 of a perfect fit too, got .*nan",
     ):
         lb.irls(A, A @ [1.0, -2.0, 3.0], loss=Ratio())
-    with pytest.raises(ValueError, match=r"loss must give each u a finite weight, .* for zeros of shape \(2, 3\)"):
+    with pytest.raises(
+        ValueError, match=r"loss must give each u a finite weight, .* for zeros of shape \(2, 3\)"
+    ):
         lb.irls(A, Y, loss=Flat())
     with pytest.raises(
-        ValueError, match=r"loss must have weights\(u\) for arrays u of any shape, those of .*MQuantile"
+        ValueError,
+        match=r"loss must have weights\(u\) for arrays u of any shape, those of .*MQuantile",
     ):
         lb.irls(A, Y, loss=norms.MQuantileNorm(0.5, norms.HuberT()))
 

@@ -15,7 +15,9 @@ FITS = {
     "least squares": lb.lstsq,
     "Huber mad": lambda a, y: lb.irls(a, y, on_fail="ignore"),
     "Huber std": lambda a, y: lb.irls(a, y, scale="std", on_fail="ignore"),
-    "Huber pairs": lambda a, y: lb.irls(a, y, scale="rms", group=np.arange(12) // 2, on_fail="ignore"),
+    "Huber pairs": lambda a, y: lb.irls(
+        a, y, scale="rms", group=np.arange(12) // 2, on_fail="ignore"
+    ),
     "bisquare": lambda a, y: lb.irls(a, y, loss=lb.Bisquare(), on_fail="ignore"),
 }
 every_fit = pytest.mark.parametrize("name", FITS)
@@ -75,13 +77,19 @@ def test_a_change_of_unknowns_changes_only_the_unknowns(name, seed):
 @given(seed=seeds)
 def test_units_of_the_unknowns_do_not_matter(name, p, seed):
     fit = {
-        "started": lambda a, y: lb.irls(a, y, loss=lb.Bisquare(), x0=lb.lstsq(a, y).x, max_iter=1000, on_fail="ignore"),
+        "started": lambda a, y: lb.irls(
+            a, y, loss=lb.Bisquare(), x0=lb.lstsq(a, y).x, max_iter=1000, on_fail="ignore"
+        ),
         "LTS": lb.lts,
         "MM": lambda a, y: lb.mm(a, y, on_fail="ignore"),
         **FITS,
     }[name]
     rng = np.random.default_rng(seed)
-    a, y, unit = rng.standard_normal((12, p)), rng.standard_t(3, 12), 10.0 ** rng.uniform(-60, 60, p)
+    a, y, unit = (
+        rng.standard_normal((12, p)),
+        rng.standard_t(3, 12),
+        10.0 ** rng.uniform(-60, 60, p),
+    )
     plain, scaled = fit(a, y), fit(a * unit, y)
     if settled(plain, scaled):
         np.testing.assert_allclose(scaled.x * unit, plain.x, atol=1e-6)
@@ -110,7 +118,9 @@ def test_a_batch_is_the_loop(name, shared):
         one = FITS[name](a if shared else a[i], y[i])
         assert np.array_equal(batch.converged[i], one.converged)
         for field in ("x", "residuals", "weights", "scale", "cov", "leverage"):
-            np.testing.assert_allclose(getattr(batch, field)[i], getattr(one, field), atol=1e-9, err_msg=field)
+            np.testing.assert_allclose(
+                getattr(batch, field)[i], getattr(one, field), atol=1e-9, err_msg=field
+            )
         assert (batch.dof[i], batch.rank[i]) == (one.dof, one.rank)
 
 

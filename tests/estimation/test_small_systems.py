@@ -13,7 +13,9 @@ def ring(count, trials, seed):
     rng = np.random.default_rng(seed)
     angle = 2 * np.pi * np.arange(count) / count
     u, v, one, zero = np.cos(angle), np.sin(angle), np.ones(count), np.zeros(count)
-    design = np.stack([np.stack([one, zero, -v], axis=1), np.stack([zero, one, u], axis=1)], axis=1).reshape(-1, 3)
+    design = np.stack(
+        [np.stack([one, zero, -v], axis=1), np.stack([zero, one, u], axis=1)], axis=1
+    ).reshape(-1, 3)
     y = rng.standard_normal((trials, count, 2))
     heading, bad = rng.uniform(0, 2 * np.pi, trials), rng.integers(0, count, trials)
     y[np.arange(trials), bad] += 100 * np.stack([np.cos(heading), np.sin(heading)], axis=1)
@@ -52,12 +54,17 @@ def test_stacked_frames_of_two_spots(frames, expected):
     y = rng.standard_normal((trials, frames, 2, 2))
     y[:, :bad, 0, 0] += 100.0
     design, y = np.tile(pair, (frames, 1)), y.reshape(trials, -1)
-    found = [error(lb.lstsq(design, y)), *(error(lb.irls(design, y, scale=s, **ANY_NUMBER)) for s in ("std", "mad"))]
+    found = [
+        error(lb.lstsq(design, y)),
+        *(error(lb.irls(design, y, scale=s, **ANY_NUMBER)) for s in ("std", "mad")),
+    ]
     np.testing.assert_allclose(found, expected, rtol=0.06)
 
 
 def test_two_spots_of_the_paper_cannot_be_told_apart():
-    """liu2026: rows 1 and 3 are identical, residuals are (d, 0, -d, 0), and reweighting moves nothing."""
+    """liu2026: rows 1 and 3 are identical, residuals are (d, 0, -d, 0), and reweighting moves
+    nothing.
+    """
     z, x, y = -475.0, 5.0, 75.0
     design = np.array([[0, z, -y], [-z, 0, x], [0, z, -y], [-z, 0, -x]])
     shifts = np.random.default_rng(5).normal(0.0, 4.5e-4, (5000, 4))

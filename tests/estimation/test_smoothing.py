@@ -1,4 +1,6 @@
-"""The local linear trend against statsmodels itself, a filter written out by hand, and least squares."""
+"""The local linear trend against statsmodels itself, a filter written out by hand, and least
+squares.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ def drifting(n=400, seed=1, variances=(0.09, 1e-4, 1e-7)):
 
 
 def all_states_at_once(y, variances):
-    """Levels, slopes and their covariance by weighted least squares over every state: no recursion, no start."""
+    """Levels, slopes and their covariance by weighted least squares over every state: no recursion,
+    no start.
+    """
     n, here = len(y), np.flatnonzero(~np.isnan(y))
     level, slope = np.eye(2 * n)[:n], np.eye(2 * n)[n:]
     rows = [level[here], level[1:] - level[:-1] - slope[:-1], slope[1:] - slope[:-1]]
@@ -51,11 +55,15 @@ def test_without_steps_the_smoother_is_a_straight_line_fit():
     fit = lb.kalman_smooth(y, variances=[0.09, 0.0, 0.0])
     np.testing.assert_allclose(fit.smoothed, design @ line.x, atol=1e-10)
     np.testing.assert_allclose(fit.slope, line.x[1], atol=1e-10)
-    np.testing.assert_allclose(fit.smoothed_std, np.sqrt(np.einsum("ij,jk,ik->i", design, line.cov, design)), rtol=1e-7)
+    np.testing.assert_allclose(
+        fit.smoothed_std, np.sqrt(np.einsum("ij,jk,ik->i", design, line.cov, design)), rtol=1e-7
+    )
 
 
 def test_the_likelihood_is_that_of_second_differences():
-    """Differencing twice removes the unknown start, for which the likelihood still counts log(2 pi)."""
+    """Differencing twice removes the unknown start, for which the likelihood still counts log(2
+    pi).
+    """
     from scipy.stats import multivariate_normal
 
     noise, level, slope = variances = np.array([0.09, 0.01, 0.001])
@@ -66,7 +74,9 @@ def test_the_likelihood_is_that_of_second_differences():
     cov += (-4 * noise - level) * (np.eye(n, k=1) + np.eye(n, k=-1))
     cov += noise * (np.eye(n, k=2) + np.eye(n, k=-2))
     expected = multivariate_normal(np.zeros(n), cov).logpdf(np.diff(y, 2)) - np.log(2 * np.pi)
-    assert lb.kalman_smooth(y, variances=variances).log_likelihood == pytest.approx(expected, abs=1e-6)
+    assert lb.kalman_smooth(y, variances=variances).log_likelihood == pytest.approx(
+        expected, abs=1e-6
+    )
 
 
 def test_maximum_likelihood_is_at_least_as_good_as_the_truth_and_as_statsmodels():
@@ -101,7 +111,9 @@ def test_the_unit_does_not_matter(unit):
     plain, scaled = lb.kalman_smooth(y), lb.kalman_smooth(y * unit + 300 * unit)
     np.testing.assert_allclose(scaled.smoothed / unit - 300, plain.smoothed, atol=1e-5)
     np.testing.assert_allclose(scaled.smoothed_std / unit, plain.smoothed_std, rtol=1e-3)
-    assert scaled.log_likelihood + (len(y) - 2) * np.log(unit) == pytest.approx(float(plain.log_likelihood), abs=1e-4)
+    assert scaled.log_likelihood + (len(y) - 2) * np.log(unit) == pytest.approx(
+        float(plain.log_likelihood), abs=1e-4
+    )
 
 
 def test_smoothing_brings_the_series_nearer_to_the_truth():
@@ -135,7 +147,9 @@ def test_an_exact_line_stays_what_it_is(y):
 def test_a_column_with_too_few_samples_is_flagged_and_the_others_go_on():
     series = np.stack([drifting(50)[1], np.full(50, np.nan)], axis=1)
     series[:3, 1] = 1.0, 2.0, 4.0
-    with pytest.warns(RuntimeWarning, match=r"kalman_smooth: 1 of 2 series are too short or did not converge"):
+    with pytest.warns(
+        RuntimeWarning, match=r"kalman_smooth: 1 of 2 series are too short or did not converge"
+    ):
         fit = lb.kalman_smooth(series)
     assert fit.converged.tolist() == [True, False]
     assert np.isnan(fit.smoothed[:, 1]).all()
@@ -146,12 +160,18 @@ def test_a_column_with_too_few_samples_is_flagged_and_the_others_go_on():
     ("arguments", "message"),
     [
         ({"series": np.ones(3)}, r"series must have at least 4 frames, got shape \(3,\)"),
-        ({"series": [1.0, np.inf, 2.0, 3.0]}, "series must be finite or NaN, got 1 infinite of 4 values"),
+        (
+            {"series": [1.0, np.inf, 2.0, 3.0]},
+            "series must be finite or NaN, got 1 infinite of 4 values",
+        ),
         (
             {"series": np.ones((9, 2)), "variances": [1.0, 2.0]},
             r"variances must have shape \(3,\) or \(3, 2\), got \(2,\)",
         ),
-        ({"series": np.ones(9), "variances": [1.0, -2.0, 0.0]}, "variances must not be negative, got -2"),
+        (
+            {"series": np.ones(9), "variances": [1.0, -2.0, 0.0]},
+            "variances must not be negative, got -2",
+        ),
         ({"series": np.ones(9), "variances": [0.0, 0.0, 0.0]}, "variances must not all be zero"),
     ],
 )

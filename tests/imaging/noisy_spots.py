@@ -20,13 +20,21 @@ def spots(sigma, snr, n=2000, seed=0):
     size = first_odd(6 * sigma + 17)
     rng = np.random.default_rng(seed)
     xy = size // 2 + rng.uniform(-0.5, 0.5, (n, 1, 2))
-    return CAMERA.expose(lb.render_spots(xy, flux, sigma, (size, size)) + BACKGROUND_E, rng), xy, flux
+    return (
+        CAMERA.expose(lb.render_spots(xy, flux, sigma, (size, size)) + BACKGROUND_E, rng),
+        xy,
+        flux,
+    )
 
 
 def cramer_rao(sigma, flux):
-    """Smallest possible standard error of x, from the Fisher information of a pixel-integrated Gaussian."""
+    """Smallest possible standard error of x, from the Fisher information of a pixel-integrated
+    Gaussian.
+    """
     side, h = 81, 1e-4
-    left, at, right = (lb.render_spots([[40 + d, 40]], flux, sigma, (side, side)) for d in (-h, 0, h))
+    left, at, right = (
+        lb.render_spots([[40 + d, 40]], flux, sigma, (side, side)) for d in (-h, 0, h)
+    )
     return float(((((right - left) / (2 * h)) ** 2 / (at + OVER_BACKGROUND)).sum()) ** -0.5)
 
 

@@ -1,4 +1,6 @@
-"""Centroids against Cramer-Rao, closed forms and a least-squares fit; their errors against their scatter."""
+"""Centroids against Cramer-Rao, closed forms and a least-squares fit; their errors against their
+scatter.
+"""
 
 import importlib.util
 from pathlib import Path
@@ -34,7 +36,9 @@ def test_a_window_of_four_sigma_is_better_on_faint_spots(sigma, snr):
     assert 1.0 < rms(found.xy - xy) / cramer_rao(sigma, flux) < 1.35
 
 
-@pytest.mark.parametrize(("sigma", "snr"), [(1.5, 10), (1.5, 30), (2.0, 100), (3.0, 10), (3.0, 30), (4.0, 30)])
+@pytest.mark.parametrize(
+    ("sigma", "snr"), [(1.5, 10), (1.5, 30), (2.0, 100), (3.0, 10), (3.0, 30), (4.0, 30)]
+)
 def test_the_predicted_error_is_the_scatter(sigma, snr):
     frames, xy, _ = spots(sigma, snr, n=4000)
     found = lb.centroid(frames, np.rint(xy), window=first_odd(6 * sigma), noise=CAMERA)
@@ -98,12 +102,18 @@ def test_the_fixed_point_ignores_a_constant_background(level, x, y):
 def test_the_step_rule_stops_early_on_a_pedestal_and_says_by_how_much(snr, lowest, highest):
     frames, xy, _ = spots(2.0, snr)
     raw = frames.astype(np.float32) - 50
-    at_rest = lb.centroid(raw, np.rint(xy), window=13, background="none", tolerance=1e-7, max_iter=1000).xy
-    early = lb.centroid(raw, np.rint(xy), window=13, background="none", stop="step", centre="peak", noise=CAMERA)
+    at_rest = lb.centroid(
+        raw, np.rint(xy), window=13, background="none", tolerance=1e-7, max_iter=1000
+    ).xy
+    early = lb.centroid(
+        raw, np.rint(xy), window=13, background="none", stop="step", centre="peak", noise=CAMERA
+    )
     newton = lb.centroid(raw, np.rint(xy), window=13, background="none", centre="peak")
     assert lowest < 1e3 * rms(early.xy - at_rest) < highest
     assert 1e3 * rms(newton.xy - at_rest) < 1.0
-    subtracted = lb.centroid(raw, np.rint(xy), window=13, background=100.0, stop="step", centre="peak")
+    subtracted = lb.centroid(
+        raw, np.rint(xy), window=13, background=100.0, stop="step", centre="peak"
+    )
     assert 1e3 * rms(subtracted.xy - at_rest) < 0.3
 
 
@@ -132,9 +142,14 @@ def test_the_plain_loop_of_the_benchmark_gives_the_same_answers():
     frames, xy = twin.two_spots(20)
     start = np.rint(xy)
     plain = np.array(
-        [[twin.naive_eiwa(f, p, 15, tolerance=1e-8) for p in ps] for f, ps in zip(frames, start, strict=True)]
+        [
+            [twin.naive_eiwa(f, p, 15, tolerance=1e-8) for p in ps]
+            for f, ps in zip(frames, start, strict=True)
+        ]
     )
-    np.testing.assert_allclose(lb.centroid(frames, start, window=15, tolerance=1e-8).xy, plain, atol=1e-5)
+    np.testing.assert_allclose(
+        lb.centroid(frames, start, window=15, tolerance=1e-8).xy, plain, atol=1e-5
+    )
 
 
 def test_the_step_rule_is_the_paper_to_the_letter():
@@ -164,10 +179,15 @@ def test_a_grey_window_is_the_paper_to_the_letter():
     for frame in frames:
         row, column = np.unravel_index(frame.argmax(), frame.shape)
         window = frame[row - 6 : row + 7, column - 6 : column + 7] - 150.0
-        expected = np.array([(window * x).sum(), (window * x[:, None]).sum()]) / window.sum() + [column - 6, row - 6]
+        expected = np.array([(window * x).sum(), (window * x[:, None]).sum()]) / window.sum() + [
+            column - 6,
+            row - 6,
+        ]
         found = lb.centroid(frame, [[14, 15]], method="grey", window=13, background=150.0)
         np.testing.assert_allclose(found.xy[0], expected, atol=1e-5)
-    stays = lb.centroid(frames, [[15.2, 14.9]], method="grey", window=13, centre="start", background=150.0)
+    stays = lb.centroid(
+        frames, [[15.2, 14.9]], method="grey", window=13, centre="start", background=150.0
+    )
     fixed = frames[:, 9:22, 9:22].astype(float) - 150.0
     expected = (fixed * x).sum(axis=(1, 2)) / fixed.sum(axis=(1, 2)) + 9
     np.testing.assert_allclose(stays.xy[:, 0, 0], expected, atol=1e-5)
@@ -198,15 +218,24 @@ def test_centroids_follow_shifts_flips_and_transposition(dx, dy, transpose, flip
     moved, start = np.roll(image, (dy, dx), axis=(0, 1)), np.rint(xy) + shift
     expected = lb.centroid(image, np.rint(xy), window=13, tolerance=1e-9).xy + shift
     if flip:
-        moved, start, expected = moved[:, ::-1], [83, 0] + start * [-1, 1], [83, 0] + expected * [-1, 1]
+        moved, start, expected = (
+            moved[:, ::-1],
+            [83, 0] + start * [-1, 1],
+            [83, 0] + expected * [-1, 1],
+        )
     if transpose:
         moved, start, expected = moved.T, start[:, ::-1], expected[:, ::-1]
-    # The clip of the ring starts from the median of every fourth pixel, whose choice a flip changes.
+    # The clip of the ring starts from the median of every fourth pixel, whose choice a flip
+    # changes.
     tolerance = 1e-8 if not (flip or transpose) else 5e-3
-    np.testing.assert_allclose(lb.centroid(moved, start, window=13, tolerance=1e-9).xy, expected, atol=tolerance)
+    np.testing.assert_allclose(
+        lb.centroid(moved, start, window=13, tolerance=1e-9).xy, expected, atol=tolerance
+    )
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32, np.float64, ">f4", ">u2"])
+@pytest.mark.parametrize(
+    "dtype", [np.uint8, np.uint16, np.int32, np.float32, np.float64, ">f4", ">u2"]
+)
 def test_every_type_gives_the_same_centroid(dtype):
     image = lb.Detector(gain_e_per_dn=8.0, read_noise_e=10.0, offset_dn=20.0, bits=8).expose(
         lb.render_spots([[20.3, 18.7]], 2e4, 2.0, (40, 42)) + 40, 2
@@ -225,7 +254,9 @@ def test_a_batch_is_a_loop():
     for k, frame in enumerate(frames):
         alone = lb.centroid(frame, np.rint(xy[k]), window=13, noise=CAMERA)
         for name in ("xy", "sigma_xy", "flux", "background", "n_iter", "flags"):
-            np.testing.assert_allclose(getattr(alone, name), getattr(together, name)[k], rtol=1e-5, atol=1e-5)
+            np.testing.assert_allclose(
+                getattr(alone, name), getattr(together, name)[k], rtol=1e-5, atol=1e-5
+            )
 
 
 def test_the_start_matters_less_than_a_tenth_of_the_error():
@@ -255,7 +286,8 @@ def test_the_gate_takes_out_a_hot_pixel():
     clean = rms(lb.centroid(frames, np.rint(xy), window=13).xy - xy)
     frames[:, 11, 19] += 3000
     struck, gated = (
-        rms(lb.centroid(frames, np.rint(xy), window=13, hot_pixel_gate=gate).xy - xy) for gate in (False, True)
+        rms(lb.centroid(frames, np.rint(xy), window=13, hot_pixel_gate=gate).xy - xy)
+        for gate in (False, True)
     )
     assert struck > 5 * clean
     assert gated < 1.5 * clean

@@ -1,4 +1,6 @@
-"""What can be wrong with a spot is flagged, and gives NaN where there is no number worth having; bad input is named."""
+"""What can be wrong with a spot is flagged, and gives NaN where there is no number worth having;
+bad input is named.
+"""
 
 import numpy as np
 import pytest
@@ -24,7 +26,8 @@ def test_a_spot_without_reproach_has_no_flag():
 
 
 @pytest.mark.parametrize(
-    ("x", "flag", "measured"), [(4.0, SpotFlag.EDGE, False), (7.2, SpotFlag.EDGE, True), (11.0, SpotFlag(0), True)]
+    ("x", "flag", "measured"),
+    [(4.0, SpotFlag.EDGE, False), (7.2, SpotFlag.EDGE, True), (11.0, SpotFlag(0), True)],
 )
 def test_a_spot_near_the_border(x, flag, measured):
     found = lb.centroid(image([[x, 30]]), [[x, 30]], window=13)
@@ -34,7 +37,9 @@ def test_a_spot_near_the_border(x, flag, measured):
         np.testing.assert_allclose(found.xy[0], [x, 30], atol=0.05)
 
 
-@pytest.mark.parametrize("xy", [[[-5.0, 30.0]], [[80.0, 30.0]], [[40.0, 1e9]], [[np.nan, 30.0]], [[np.inf, 3.0]]])
+@pytest.mark.parametrize(
+    "xy", [[[-5.0, 30.0]], [[80.0, 30.0]], [[40.0, 1e9]], [[np.nan, 30.0]], [[np.inf, 3.0]]]
+)
 def test_a_start_outside_the_frame_is_a_missing_spot(xy):
     found = lb.centroid(image([[40, 30]]), xy, window=13)
     assert found.flags.tolist() == [SpotFlag.MISSING]
@@ -72,12 +77,16 @@ def test_saturation_at_full_scale_and_on_a_plateau_below_it():
     assert SpotFlag.SATURATED not in flags(bright, [[40, 30]])
     assert SpotFlag.SATURATED in flags(bright, [[40, 30]], full_scale_dn=900)
     twelve = lb.Detector(gain_e_per_dn=2.0, offset_dn=100.0, bits=12)
-    assert SpotFlag.SATURATED in flags(image([[40, 30]], flux=3e5, camera=twelve), [[40, 30]], noise=twelve)
+    assert SpotFlag.SATURATED in flags(
+        image([[40, 30]], flux=3e5, camera=twelve), [[40, 30]], noise=twelve
+    )
 
 
 def test_coarse_steps_are_not_taken_for_a_plateau():
     coarse = lb.Detector(gain_e_per_dn=100.0, read_noise_e=30.0, offset_dn=10.0, bits=8)
-    frames = np.stack([image([[40, 30]], flux=8e4, sigma=3.0, camera=coarse, seed=k) for k in range(100)])
+    frames = np.stack(
+        [image([[40, 30]], flux=8e4, sigma=3.0, camera=coarse, seed=k) for k in range(100)]
+    )
     found = lb.centroid(frames, [[40, 30]], window=19)
     assert np.mean(found.flags & SpotFlag.SATURATED > 0) < 0.03
 
@@ -90,8 +99,12 @@ def test_neighbours_are_flagged_by_the_distance_of_their_starts():
 
 def test_too_few_iterations_are_not_converged():
     frame = image([[40, 30]], flux=3e3)
-    assert SpotFlag.NOT_CONVERGED in flags(frame, [[39, 31]], stop="step", background="none", max_iter=2)
-    assert SpotFlag.NOT_CONVERGED not in flags(frame, [[39, 31]], stop="step", background="none", max_iter=200)
+    assert SpotFlag.NOT_CONVERGED in flags(
+        frame, [[39, 31]], stop="step", background="none", max_iter=2
+    )
+    assert SpotFlag.NOT_CONVERGED not in flags(
+        frame, [[39, 31]], stop="step", background="none", max_iter=200
+    )
 
 
 def test_a_window_that_wanders_to_another_spot_is_not_converged():
@@ -148,7 +161,9 @@ def test_the_path_starts_at_the_start_and_ends_at_the_centroid():
     frame = image([[40.3, 30.6]])
     path = window_path(frame, [37.5, 33.0], window=13)
     np.testing.assert_array_equal(path[0], [37.5, 33.0])
-    np.testing.assert_allclose(path[-1], lb.centroid(frame, [[37.5, 33.0]], window=13, stop="step").xy[0], atol=1e-9)
+    np.testing.assert_allclose(
+        path[-1], lb.centroid(frame, [[37.5, 33.0]], window=13, stop="step").xy[0], atol=1e-9
+    )
     assert (np.hypot(*np.diff(path, axis=0).T) > 0).all()
 
 
@@ -159,16 +174,51 @@ GOOD = np.zeros((2, 30, 40), dtype=np.uint16)
     ("frames", "start", "kwargs", "message"),
     [
         (np.zeros(5), [[1, 1]], {}, r"frames must have shape \(F, H, W\) or \(H, W\), got \(5,\)"),
-        (np.zeros((0, 9, 9)), [[1, 1]], {}, r"frames must hold at least one pixel, got shape \(0, 9, 9\)"),
-        (np.zeros((9, 9), dtype=complex), [[1, 1]], {}, "frames must be of an integer or float type, got complex128"),
-        (GOOD, [1.0, 2.0], {}, r"start must have shape \(n, 2\) or \(2, n, 2\) to match 2 frames, got \(2,\)"),
-        (GOOD, np.zeros((3, 1, 2)), {}, r"start must have shape .* to match 2 frames, got \(3, 1, 2\)"),
+        (
+            np.zeros((0, 9, 9)),
+            [[1, 1]],
+            {},
+            r"frames must hold at least one pixel, got shape \(0, 9, 9\)",
+        ),
+        (
+            np.zeros((9, 9), dtype=complex),
+            [[1, 1]],
+            {},
+            "frames must be of an integer or float type, got complex128",
+        ),
+        (
+            GOOD,
+            [1.0, 2.0],
+            {},
+            r"start must have shape \(n, 2\) or \(2, n, 2\) to match 2 frames, got \(2,\)",
+        ),
+        (
+            GOOD,
+            np.zeros((3, 1, 2)),
+            {},
+            r"start must have shape .* to match 2 frames, got \(3, 1, 2\)",
+        ),
         (GOOD, np.zeros((0, 2)), {}, r"start must have shape .* got \(0, 2\)"),
         (GOOD, [[9, 9]], {"window": 12}, "window must be odd, got 12"),
         (GOOD, [[9, 9]], {"window": 1}, "window must be a whole number of at least 3, got 1"),
-        (GOOD, [[9, 9]], {"window": 31}, "window of 31 x 31 pixels does not fit into frames of 30 x 40 pixels"),
-        (GOOD[:, :2], [[9, 1]], {}, "window of 3 x 3 pixels does not fit into frames of 2 x 40 pixels"),
-        (GOOD, [[9, 9]], {"window": 13, "ring": 11}, "ring must be a whole number of at least 13, got 11"),
+        (
+            GOOD,
+            [[9, 9]],
+            {"window": 31},
+            "window of 31 x 31 pixels does not fit into frames of 30 x 40 pixels",
+        ),
+        (
+            GOOD[:, :2],
+            [[9, 1]],
+            {},
+            "window of 3 x 3 pixels does not fit into frames of 2 x 40 pixels",
+        ),
+        (
+            GOOD,
+            [[9, 9]],
+            {"window": 13, "ring": 11},
+            "ring must be a whole number of at least 13, got 11",
+        ),
         (
             GOOD,
             [[9, 9]],
@@ -176,10 +226,25 @@ GOOD = np.zeros((2, 30, 40), dtype=np.uint16)
             "method must be one of 'eiwa', 'grey', 'weighted', 'gaussian', got 'moments'",
         ),
         (GOOD, [[9, 9]], {"stop": "never"}, "stop must be one of 'error', 'step', got 'never'"),
-        (GOOD, [[9, 9]], {"centre": "middle"}, "centre must be one of 'start', 'peak', got 'middle'"),
-        (GOOD, [[9, 9]], {"background": "median"}, "background must be one of 'ring', 'none', got 'median'"),
+        (
+            GOOD,
+            [[9, 9]],
+            {"centre": "middle"},
+            "centre must be one of 'start', 'peak', got 'middle'",
+        ),
+        (
+            GOOD,
+            [[9, 9]],
+            {"background": "median"},
+            "background must be one of 'ring', 'none', got 'median'",
+        ),
         (GOOD, [[9, 9]], {"max_iter": 0}, "max_iter must be a whole number of at least 1, got 0"),
-        (GOOD, [[9, 9]], {"tolerance": 0.0}, "tolerance must be a finite number of at least 1e-12, got 0"),
+        (
+            GOOD,
+            [[9, 9]],
+            {"tolerance": 0.0},
+            "tolerance must be a finite number of at least 1e-12, got 0",
+        ),
     ],
 )
 def test_bad_input_is_refused_by_name(frames, start, kwargs, message):
@@ -188,7 +253,9 @@ def test_bad_input_is_refused_by_name(frames, start, kwargs, message):
 
 
 def test_a_path_needs_one_start_in_one_image():
-    with pytest.raises(ValueError, match=r"start must be one point within one image, got \[99, 3\]"):
+    with pytest.raises(
+        ValueError, match=r"start must be one point within one image, got \[99, 3\]"
+    ):
         window_path(GOOD[0], [99, 3], window=13)
     with pytest.raises(ValueError, match="radius must be a whole number of at least 0, got -1"):
         peak_pixels(GOOD, [[3, 3]], -1)
@@ -209,19 +276,24 @@ def test_a_masked_pixel_was_not_read():
     assert flags(masked, [[40, 30]], window=13) == SpotFlag.MISSING
     masked.mask[30, 44], masked.mask[30, 60] = False, True
     np.testing.assert_allclose(
-        lb.centroid(masked, [[40, 30]], window=13).xy, lb.centroid(frame, [[40, 30]], window=13).xy, atol=1e-5
+        lb.centroid(masked, [[40, 30]], window=13).xy,
+        lb.centroid(frame, [[40, 30]], window=13).xy,
+        atol=1e-5,
     )
 
 
 def test_infinity_near_a_spot_is_refused():
     frame = image([[40.0, 30.0]]).astype(np.float32)
     frame[30, 41] = np.inf
-    with pytest.raises(ValueError, match="frames must be finite, or NaN where a pixel was not read, got infinity"):
+    with pytest.raises(
+        ValueError, match="frames must be finite, or NaN where a pixel was not read, got infinity"
+    ):
         lb.centroid(frame, [[40, 30]], window=13)
 
 
 @pytest.mark.parametrize(
-    ("window", "ring", "leaks"), [(9, None, True), (13, None, True), (9, 19, False), (19, None, False)]
+    ("window", "ring", "leaks"),
+    [(9, None, True), (13, None, True), (9, 19, False), (19, None, False)],
 )
 def test_light_of_the_spot_in_the_ring_is_flagged(window, ring, leaks):
     frame = image([[40.0, 30.0]], flux=2e5, sigma=3.0)

@@ -53,13 +53,17 @@ def test_hot_pixels_sit_at_their_place_in_every_window():
     detector = lb.Detector(hot_pixels=((6, 4, 5000.0), (100, 100, 1.0)))
     frame = detector.expose(np.zeros((8, 9)), 0)
     assert np.argwhere(frame).tolist() == [[4, 6]]
-    assert np.argwhere(detector.expose(np.zeros((2, 3, 3)), 0, origin=[(5, 3), (0, 0)])).tolist() == [[0, 1, 1]]
+    assert np.argwhere(
+        detector.expose(np.zeros((2, 3, 3)), 0, origin=[(5, 3), (0, 0)])
+    ).tolist() == [[0, 1, 1]]
 
 
 def test_the_same_seed_gives_the_same_frame():
     detector = lb.Detector(read_noise_e=5.0, offset_dn=100)
     light = np.full((6, 7), 200.0)
-    np.testing.assert_array_equal(detector.expose(light, 5), detector.expose(light, np.random.default_rng(5)))
+    np.testing.assert_array_equal(
+        detector.expose(light, 5), detector.expose(light, np.random.default_rng(5))
+    )
     assert (detector.expose(light, 5) != detector.expose(light, 6)).any()
 
 
@@ -77,7 +81,10 @@ def test_the_same_seed_gives_the_same_frame():
         ({"full_well_e": np.nan}, "full_well_e must be a finite number, got nan"),
         ({"hot_pixels": (1, 2, 3.0)}, r"hot_pixels must be \(x, y, electrons\) .*, got 1"),
         ({"hot_pixels": 5}, r"hot_pixels must be a tuple of \(x, y, electrons\), got 5"),
-        ({"hot_pixels": ((1, 2, "x"),)}, r"hot_pixels must be \(x, y, electrons\) .*, got \(1, 2, 'x'\)"),
+        (
+            {"hot_pixels": ((1, 2, "x"),)},
+            r"hot_pixels must be \(x, y, electrons\) .*, got \(1, 2, 'x'\)",
+        ),
         ({"hot_pixels": ((1, 2),)}, r"hot_pixels must be \(x, y, electrons\) .*, got \(1, 2\)"),
     ],
 )
@@ -102,7 +109,9 @@ def test_light_that_cannot_be_is_refused(electrons, message):
 
 def test_a_detector_survives_its_file_beside_the_camera(tmp_path):
     camera = lb.Camera(260.0, 10.0, (1080, 1920))
-    detector = lb.Detector(gain_e_per_dn=4.0, read_noise_e=5.0, bits=12, hot_pixels=((3, 4, 500.0),))
+    detector = lb.Detector(
+        gain_e_per_dn=4.0, read_noise_e=5.0, bits=12, hot_pixels=((3, 4, 500.0),)
+    )
     path = tmp_path / "camera.toml"
     path.write_text(camera.to_toml() + detector.to_toml())
     read = lb.Detector.from_toml(path)
@@ -112,13 +121,17 @@ def test_a_detector_survives_its_file_beside_the_camera(tmp_path):
     path.write_text(camera.to_toml())
     assert lb.Detector.from_toml(path) is None
     path.write_text("[detector]\ngain = 4.0\n")
-    with pytest.raises(ValueError, match=r"camera.toml \[detector\]: unknown key gain; known are gain_e_per_dn"):
+    with pytest.raises(
+        ValueError, match=r"camera.toml \[detector\]: unknown key gain; known are gain_e_per_dn"
+    ):
         lb.Detector.from_toml(path)
 
 
 @pytest.mark.parametrize("rng", [None, "seed", -1, 1.5])
 def test_randomness_must_be_named(rng):
-    with pytest.raises(ValueError, match="rng must be a numpy Generator or a seed of at least 0, got"):
+    with pytest.raises(
+        ValueError, match="rng must be a numpy Generator or a seed of at least 0, got"
+    ):
         lb.Detector().expose(np.ones((3, 3)), rng)
 
 

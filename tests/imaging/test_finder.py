@@ -1,4 +1,6 @@
-"""Spots where they were put, on frames and stamps, in every type; nothing where there is nothing."""
+"""Spots where they were put, on frames and stamps, in every type; nothing where there is
+nothing.
+"""
 
 import numpy as np
 import pytest
@@ -61,7 +63,9 @@ def test_touching_spots_are_told_apart(axis):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_noisy_wide_spot_is_one_spot(seed):
     for peak_e in (120.0, 400.0):
-        found = lb.find_spots(frame([[60.4, 55.8]], peak_e * 2 * np.pi * 36, 6.0, seed=seed), threshold=6.0)
+        found = lb.find_spots(
+            frame([[60.4, 55.8]], peak_e * 2 * np.pi * 36, 6.0, seed=seed), threshold=6.0
+        )
         assert len(found) == 1
         np.testing.assert_allclose(found[0], [60.4, 55.8], atol=1.0)
 
@@ -85,7 +89,10 @@ def test_a_saturated_plateau_is_one_spot_at_its_centre():
 
 def test_a_hot_pixel_is_not_a_spot_but_a_sharp_star_is():
     hot = lb.Detector(
-        gain_e_per_dn=2.0, read_noise_e=6.0, offset_dn=100.0, hot_pixels=((20, 30, 9000.0), (0, 0, 9000.0))
+        gain_e_per_dn=2.0,
+        read_noise_e=6.0,
+        offset_dn=100.0,
+        hot_pixels=((20, 30, 9000.0), (0, 0, 9000.0)),
     )
     found = lb.find_spots(frame([[100.0, 80.0]], 2000.0, 0.5, detector=hot))
     np.testing.assert_allclose(found, [[100.0, 80.0]], atol=0.5)
@@ -94,7 +101,9 @@ def test_a_hot_pixel_is_not_a_spot_but_a_sharp_star_is():
 @pytest.mark.parametrize("shape", [(4, 6), (9, 8)])
 def test_a_stamp_that_the_star_nearly_fills(shape):
     centre = np.array([shape[1] / 2 - 0.4, shape[0] / 2 - 0.3])
-    stamp = lb.render_spots([centre], 4e4, 0.8, shape) + np.random.default_rng(2).normal(0, 10, shape)
+    stamp = lb.render_spots([centre], 4e4, 0.8, shape) + np.random.default_rng(2).normal(
+        0, 10, shape
+    )
     stamp = stamp.astype(np.float32)
     stamp[0, 0] = np.nan
     np.testing.assert_allclose(lb.find_spots(stamp, n=1), [centre], atol=0.5)
@@ -112,7 +121,9 @@ def test_unread_pixels_are_not_spots():
 def test_found_spots_follow_a_shift_and_ignore_a_level(dx, dy, lift):
     image = frame([[60.0, 50.0], [90.5, 70.2]], [3e4, 2e4], 2.0)
     moved = np.roll(image, (dy, dx), axis=(0, 1)) + np.uint16(lift)
-    np.testing.assert_allclose(lb.find_spots(moved), lb.find_spots(image) + np.array([dx, dy]), atol=0.2)
+    np.testing.assert_allclose(
+        lb.find_spots(moved), lb.find_spots(image) + np.array([dx, dy]), atol=0.2
+    )
 
 
 @pytest.mark.parametrize(
@@ -122,7 +133,11 @@ def test_found_spots_follow_a_shift_and_ignore_a_level(dx, dy, lift):
         (np.zeros((2, 5, 5)), {}, r"image must have shape \(rows, columns\), got \(2, 5, 5\)"),
         (np.zeros((0, 5)), {}, r"image must hold at least one pixel, got shape \(0, 5\)"),
         (np.zeros((5, 5)), {"n": 0}, "n must be a whole number of at least 1, got 0"),
-        (np.zeros((5, 5)), {"threshold": -1}, "threshold must be a finite number of at least 0, got -1"),
+        (
+            np.zeros((5, 5)),
+            {"threshold": -1},
+            "threshold must be a finite number of at least 0, got -1",
+        ),
         (np.array([["a", "b"]]), {}, "image must be an array of numbers, got str"),
     ],
 )

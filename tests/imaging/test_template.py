@@ -1,4 +1,6 @@
-"""Template centroids against Cramer-Rao, against an independent fit, and their errors against their scatter."""
+"""Template centroids against Cramer-Rao, against an independent fit, and their errors against their
+scatter.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +24,11 @@ def test_the_weighted_centroid_reaches_the_cramer_rao_bound(sigma, snr):
     assert 0.97 < rms(known.xy - xy) / cramer_rao(sigma, flux) < 1.03
     # The plane's own error comes on top, and matters for wide faint spots.
     found = lb.centroid(frames, np.rint(xy), **how)
-    assert 0.97 < rms(found.xy - xy) / cramer_rao(sigma, flux) < (1.06 if sigma == 4.0 and snr == 10 else 1.04)
+    assert (
+        0.97
+        < rms(found.xy - xy) / cramer_rao(sigma, flux)
+        < (1.06 if sigma == 4.0 and snr == 10 else 1.04)
+    )
     assert not found.flags.any()
     assert found.n_iter.mean() < 3.6
 
@@ -46,8 +52,12 @@ def test_undersampled_stars_are_no_exception(snr):
 def test_the_predicted_error_is_the_scatter(method, sigma, snr):
     n = 4000 if method == "weighted" else 1000
     frames, xy, _ = spots(sigma, snr, n=n)
-    found = lb.centroid(frames, np.rint(xy), method=method, window=max(7, first_odd(6 * sigma)), noise=CAMERA)
-    assert rms((found.xy - xy) / found.sigma_xy) == pytest.approx(1.0, abs=0.04 if method == "weighted" else 0.07)
+    found = lb.centroid(
+        frames, np.rint(xy), method=method, window=max(7, first_odd(6 * sigma)), noise=CAMERA
+    )
+    assert rms((found.xy - xy) / found.sigma_xy) == pytest.approx(
+        1.0, abs=0.04 if method == "weighted" else 0.07
+    )
 
 
 @pytest.mark.parametrize("method", TEMPLATES)
@@ -56,7 +66,9 @@ def test_there_is_no_s_curve(method, sigma):
     phase = np.linspace(-0.5, 0.5, 21)
     xy = np.stack([30 + phase, np.full(21, 30.2)], axis=-1)[:, None]
     frames = lb.render_spots(xy, 1e5, sigma, (61, 61)) + 20.0
-    found = lb.centroid(frames, np.rint(xy), method=method, window=max(7, first_odd(6 * sigma)), ring=23)
+    found = lb.centroid(
+        frames, np.rint(xy), method=method, window=max(7, first_odd(6 * sigma)), ring=23
+    )
     assert 1e3 * np.abs(found.xy - xy).max() < 0.5
 
 
@@ -68,7 +80,9 @@ def test_the_fit_agrees_with_one_written_down_by_hand():
         data = frame[row - 6 : row + 7, column - 6 : column + 7] - 150.0
 
         def misfit(p, data=data):
-            return (lb.render_spots(p[None, :2], abs(p[2]), np.abs(p[3:]), data.shape) - data).ravel()
+            return (
+                lb.render_spots(p[None, :2], abs(p[2]), np.abs(p[3:]), data.shape) - data
+            ).ravel()
 
         by_hand = least_squares(misfit, [6.0, 6.0, flux, 2.2, 2.2], x_scale=[1, 1, flux, 1, 1]).x
         np.testing.assert_allclose(fitted, by_hand[:2] + np.array([column - 6, row - 6]), atol=1e-4)
@@ -89,7 +103,9 @@ def test_the_width_is_the_median_of_the_call(width):
 def test_a_star_of_its_own_width_does_not_change_the_others():
     rng = np.random.default_rng(4)
     xy = np.array([[20.2, 20.4], [60.1, 20.3], [100.4, 19.8]])
-    image = CAMERA.expose(lb.render_spots(xy, [3e4, 3e4, 9e4], [[1.2], [1.2], [3.0]], (41, 121)) + BACKGROUND_E, rng)
+    image = CAMERA.expose(
+        lb.render_spots(xy, [3e4, 3e4, 9e4], [[1.2], [1.2], [3.0]], (41, 121)) + BACKGROUND_E, rng
+    )
     found = lb.centroid(image, np.rint(xy), method="weighted", window=9, ring=19, noise=CAMERA)
     assert np.abs(found.xy[:2] - xy[:2]).max() < 0.05
 
@@ -104,7 +120,10 @@ def test_a_gradient_of_the_background_is_taken_off(method):
 
 @settings(max_examples=15, deadline=None)
 @given(
-    dx=st.integers(-6, 6), dy=st.integers(-6, 6), transpose=st.booleans(), factor=st.sampled_from([1e-12, 1.0, 1e15])
+    dx=st.integers(-6, 6),
+    dy=st.integers(-6, 6),
+    transpose=st.booleans(),
+    factor=st.sampled_from([1e-12, 1.0, 1e15]),
 )
 def test_weighted_centroids_follow_shifts_transposition_and_units(dx, dy, transpose, factor):
     rng = np.random.default_rng(5)
@@ -130,7 +149,9 @@ def test_a_batch_is_a_loop(method):
     for k, frame in enumerate(frames):
         alone = lb.centroid(frame, np.rint(xy[k]), **how)
         for name in ("xy", "sigma_xy", "flux", "background", "n_iter", "flags"):
-            np.testing.assert_allclose(getattr(alone, name), getattr(together, name)[k], rtol=1e-5, atol=1e-5)
+            np.testing.assert_allclose(
+                getattr(alone, name), getattr(together, name)[k], rtol=1e-5, atol=1e-5
+            )
 
 
 @pytest.mark.parametrize("method", TEMPLATES)
@@ -162,7 +183,11 @@ def test_what_is_wrong_is_flagged(method):
 
 @pytest.mark.parametrize("method", TEMPLATES)
 def test_frames_without_light_or_noise_give_no_centroid_and_no_warning(method):
-    for frames in (np.zeros((30, 30)), np.full((30, 30), 7, dtype=np.uint8), np.full((30, 30), np.nan)):
+    for frames in (
+        np.zeros((30, 30)),
+        np.full((30, 30), 7, dtype=np.uint8),
+        np.full((30, 30), np.nan),
+    ):
         found = lb.centroid(frames, [[15, 15]], method=method, window=9)
         assert np.isnan(found.xy).all()
         assert found.flags[0] & (SpotFlag.TOO_FAINT | SpotFlag.MISSING)
@@ -207,7 +232,9 @@ def test_a_blocked_beam_has_no_vote():
 @pytest.mark.parametrize("sigma", [1.0, 4.0])
 def test_a_template_of_a_wrong_width_is_flagged(sigma):
     frames, xy, _ = spots(2.0, 50, n=20)
-    found = lb.centroid(frames, np.rint(xy), method="weighted", window=13, sigma=sigma, noise=CAMERA)
+    found = lb.centroid(
+        frames, np.rint(xy), method="weighted", window=13, sigma=sigma, noise=CAMERA
+    )
     assert (found.flags & SpotFlag.MISFIT).all()
 
 

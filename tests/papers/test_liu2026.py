@@ -1,4 +1,6 @@
-"""The statements that the liu2026 notebooks rest on, each by closed form, proof or sampling theory."""
+"""The statements that the liu2026 notebooks rest on, each by closed form, proof or sampling
+theory.
+"""
 
 from dataclasses import fields, replace
 
@@ -6,9 +8,10 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.papers.liu2026 import angles, centroiding, geometry, warmup
-from losbench.papers.liu2026.bench import Bench, ConstantBench, ThermalBench, next_odd
-from losbench.papers.scenario import assumptions
+from losbench.papers.liu2026 import twin
+from losbench.papers.liu2026.results import angles, centroiding, geometry, warmup
+from losbench.papers.liu2026.scenario import Bench, ConstantBench, ThermalBench, next_odd
+from losbench.papers.provenance import assumptions
 from losbench.pointing.attitude import attitude_covariance
 from losbench.units import rad_to_arcsec
 
@@ -21,7 +24,9 @@ def constant():
     return setting, centroiding.constant_run(setting)
 
 
-@pytest.mark.parametrize("scenario", [geometry.MonteCarlo(), Bench(), ThermalBench(), ConstantBench()])
+@pytest.mark.parametrize(
+    "scenario", [geometry.MonteCarlo(), Bench(), ThermalBench(), ConstantBench()]
+)
 def test_every_value_of_a_scenario_has_a_source_and_a_reason(scenario):
     table = assumptions(scenario)
     assert set(table.name) == {f.name for f in fields(scenario)}
@@ -37,9 +42,13 @@ def test_figure_1_has_the_errors_of_the_closed_form(noise, expected):
     run = geometry.figure_1(replace(MONTE_CARLO, noise=noise))
     np.testing.assert_allclose(run.sigma_arcsec[0], expected, rtol=0.03)
     sigma_mm = 0.5 * 4.5e-3 / (3.0 if noise == "clipped" else 1.0)
-    closed = rad_to_arcsec(np.sqrt(np.diag(attitude_covariance(MONTE_CARLO.points_mm, sigma_mm, model="paper"))))
+    closed = rad_to_arcsec(
+        np.sqrt(np.diag(attitude_covariance(MONTE_CARLO.points_mm, sigma_mm, model="paper")))
+    )
     np.testing.assert_allclose(run.sigma_arcsec[0], closed, rtol=0.04)
-    np.testing.assert_allclose(run.errors_arcsec[:, 2], run.errors_arcsec[:, 0] / 50, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        run.errors_arcsec[:, 2], run.errors_arcsec[:, 0] / 50, rtol=1e-6, atol=1e-9
+    )
 
 
 def test_y_inherits_z_so_that_irls_07_and_08_cannot_hold():
@@ -53,7 +62,10 @@ def test_y_inherits_z_so_that_irls_07_and_08_cannot_hold():
 @pytest.mark.parametrize("scale", ["std", "mad", "std1"])
 def test_two_spots_make_irls_equal_to_ls(scale):
     assert geometry.two_spot_difference(MONTE_CARLO, scale=scale).peak_arcsec.max() < 1e-9
-    assert geometry.two_spot_difference(MONTE_CARLO, scale=scale, model="pinhole").peak_arcsec.max() < 1e-3
+    assert (
+        geometry.two_spot_difference(MONTE_CARLO, scale=scale, model="pinhole").peak_arcsec.max()
+        < 1e-3
+    )
 
 
 def test_residuals_of_two_spots_are_d_0_minus_d_0():
@@ -102,7 +114,9 @@ def test_sampling_errors_are_those_of_normal_numbers():
     mean, error = found["rms"]
     assert mean[0] == pytest.approx(1.0, abs=0.02)
     assert error[0] == pytest.approx(1 / np.sqrt(2 * 99), rel=0.15)
-    assert found["pv"][0][0] == pytest.approx(5.015, rel=0.02)  # expected range of 100 normal numbers
+    assert found["pv"][0][0] == pytest.approx(
+        5.015, rel=0.02
+    )  # expected range of 100 normal numbers
 
 
 def test_the_twin_obeys_the_bound_that_table_2_breaks(constant):
@@ -110,7 +124,11 @@ def test_the_twin_obeys_the_bound_that_table_2_breaks(constant):
     measured = centroiding.table_1(run, setting).loc["eiwa"].twin
     found = angles.table_2(run, setting).loc["LS"].twin
     for statistic in ("rms", "pv"):
-        y = 0.5 * (measured[statistic, "A y"] + measured[statistic, "B y"]) * setting.camera.arcsec_per_px
+        y = (
+            0.5
+            * (measured[statistic, "A y"] + measured[statistic, "B y"])
+            * setting.camera.arcsec_per_px
+        )
         assert found[statistic, "alpha"] <= y + 9.6 / 260 * found[statistic, "gamma"]
         printed = angles.TABLE_2["IRLS"][statistic]
         assert printed[0] > 2 * angles.alpha_bound(statistic, printed[2], setting=setting).total
@@ -118,7 +136,9 @@ def test_the_twin_obeys_the_bound_that_table_2_breaks(constant):
 
 def test_ls_and_irls_agree_frame_by_frame_on_the_twin(constant):
     setting, run = constant
-    ls, robust = (angles.frame_angles(run, setting, method=method).std(axis=0) for method in ("LS", "IRLS"))
+    ls, robust = (
+        angles.frame_angles(run, setting, method=method).std(axis=0) for method in ("LS", "IRLS")
+    )
     np.testing.assert_allclose(robust, ls, rtol=1e-4)
 
 
@@ -133,13 +153,18 @@ def test_ls_and_irls_agree_frame_by_frame_on_the_twin(constant):
     ],
 )
 def test_stacking_makes_robustness_real(what, share, size, scale, expected):
-    ratio = angles.contaminated_ratios(Bench(), share=share, size=size, what=what, scale=scale, seed=11)
+    ratio = angles.contaminated_ratios(
+        Bench(), share=share, size=size, what=what, scale=scale, seed=11
+    )
     np.testing.assert_allclose(ratio, expected, atol=0.04)
 
 
 def test_the_warm_up_is_exact_whatever_the_frame_times():
     setting = ThermalBench()
-    every, few = warmup.warm_up(setting), warmup.warm_up(setting, time_s=np.array([0.0, 3000.0, setting.duration_s]))
+    every, few = (
+        twin.warm_up(setting),
+        twin.warm_up(setting, time_s=np.array([0.0, 3000.0, setting.duration_s])),
+    )
     rows = np.searchsorted(every.time_s, few.time_s)
     np.testing.assert_allclose(few.node_degC, every.node_degC[rows], rtol=1e-12)
     assert few.node_degC[-1] == pytest.approx(25.0, abs=0.3)

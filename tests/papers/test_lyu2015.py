@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.papers.lyu2015 import images, results
-from losbench.papers.lyu2015.setting import TABLE_1, Setting
-from losbench.papers.scenario import assumptions
+from losbench.papers.lyu2015 import results, twin
+from losbench.papers.lyu2015.scenario import TABLE_1, Setting
+from losbench.papers.provenance import assumptions
 
 SETTING = Setting()
 
 
 @pytest.fixture(scope="module")
 def shots():
-    return images.random_exposures(SETTING, 200)
+    return twin.random_exposures(SETTING, 200)
 
 
 def test_every_field_of_the_setting_says_where_it_is_from():
@@ -27,7 +27,7 @@ def test_every_field_of_the_setting_says_where_it_is_from():
 def test_an_exposure_is_the_paper_s_camera_in_the_paper_s_axes():
     # The check value of a constant rate, in the paper's pixels: k covers [k, k + 1).
     motion = lb.Vibration(constant_rad_s=np.radians([[1.0, 2.0, 0.5]]))
-    shot = images.expose(SETTING, motion, np.array([0]), np.array([[160.133, 135.929]]), np.zeros(1))
+    shot = twin.expose(SETTING, motion, np.array([0]), np.array([[160.133, 135.929]]), np.zeros(1))
     assert shot.end[0] + 0.5 == pytest.approx([163.802293, 134.853024], abs=1e-6)
     assert shot.error(shot.traditional)[0] == pytest.approx(1.77041, abs=5e-6)
 
@@ -51,11 +51,13 @@ def test_the_error_of_an_image_is_its_closed_form(shots):
 
 def test_a_bias_costs_what_the_closed_form_says():
     still = lb.Vibration(constant_rad_s=np.zeros((1, 3)))
-    shot = images.expose(SETTING, still, np.array([0]), np.array([[255.5, 255.5]]), np.zeros(1))
+    shot = twin.expose(SETTING, still, np.array([0]), np.array([[255.5, 255.5]]), np.zeros(1))
     table = results.gyro_errors(SETTING, shot, (100.0,), "bias_deg_h")
     slope = 3660.97 * np.radians(1 / 3600) * 0.025 / 2
     assert slope == pytest.approx(2.22e-4, rel=1e-3)
-    assert table["linear"].item() == pytest.approx(100 * slope * np.sqrt(2), rel=0.05)  # on two axes
+    assert table["linear"].item() == pytest.approx(
+        100 * slope * np.sqrt(2), rel=0.05
+    )  # on two axes
 
 
 def test_fig_6_falls_and_levels_off_and_fig_7_hardly_rises(shots):
@@ -67,7 +69,7 @@ def test_fig_6_falls_and_levels_off_and_fig_7_hardly_rises(shots):
 
 
 def test_the_example_fits_table_1_nearly_as_well_as_any_rotation():
-    one = images.example(SETTING)
+    one = twin.example(SETTING)
     np.testing.assert_allclose(one.end + 0.5, TABLE_1["xy"], atol=1e-6)
     fitted, _ = results.one_rotation()
     best = np.sqrt(np.mean((fitted - TABLE_1["traditional"]) ** 2))
@@ -92,7 +94,7 @@ def test_a_spline_gains_below_50_hz_and_loses_near_nyquist():
 
 
 def test_another_vibration_gives_other_numbers(shots):
-    slow = images.random_exposures(replace(SETTING, frequency_hz=(0.01, 0.02)), 100)
+    slow = twin.random_exposures(replace(SETTING, frequency_hz=(0.01, 0.02)), 100)
     assert slow.error(slow.traditional).mean() > 1.5 * shots.error(shots.traditional).mean()
     aided = results.quiet(slow, SETTING.sensed(slow.motion, lb.Gyro(rate_hz=200.0)))
     assert aided.mean() < 2e-4

@@ -1,4 +1,6 @@
-"""The numbers of ren2023 over sixty seeds, what wrong corrections do, and what the paper's own numbers allow."""
+"""The numbers of ren2023 over sixty seeds, what wrong corrections do, and what the paper's own
+numbers allow.
+"""
 
 from dataclasses import replace
 
@@ -7,11 +9,11 @@ import pytest
 
 import losbench as lb
 from losbench.estimation.stability import split_error
-from losbench.papers.ren2023.analysis import budget, closure, split_table
-from losbench.papers.ren2023.results import campaign, evaluate, first_order, table_1
+from losbench.papers.provenance import assumptions
+from losbench.papers.ren2023.results.analysis import budget, closure, split_table
+from losbench.papers.ren2023.results.figures import campaign, evaluate, first_order, table_1
 from losbench.papers.ren2023.scenario import CONVENTION, Pair
-from losbench.papers.ren2023.simulation import simulate
-from losbench.papers.scenario import assumptions
+from losbench.papers.ren2023.twin import simulate
 from losbench.pointing.starcamera import correct_pair, remove_aberration
 from losbench.units import rad_to_arcsec
 
@@ -61,7 +63,10 @@ def test_wrong_corrections_change_the_angle_as_predicted():
     heads = telemetry.quaternions[:, rows]
 
     def change(first, second):
-        corrected = [lb.correct_drift(q, d, convention=CONVENTION) for q, d in zip(heads, (first, second), strict=True)]
+        corrected = [
+            lb.correct_drift(q, d, convention=CONVENTION)
+            for q, d in zip(heads, (first, second), strict=True)
+        ]
         angle = lb.boresight_angle(*corrected, convention=CONVENTION)
         return rad_to_arcsec(angle).mean() - 3600 * PAIR.angle_deg
 
@@ -70,7 +75,9 @@ def test_wrong_corrections_change_the_angle_as_predicted():
     assert change(0 * one, 0 * two) == pytest.approx(1.1, abs=1e-4)
     assert change(-one, -two) == pytest.approx(2.2, abs=1e-4)
     assert change(two, one) == pytest.approx(2.2, abs=1e-4)
-    assert change(one, 0 * two) == pytest.approx(0.65, abs=0.06)  # the base's common drift, 0.05, shows in one alone
+    assert change(one, 0 * two) == pytest.approx(
+        0.65, abs=0.06
+    )  # the base's common drift, 0.05, shows in one alone
 
 
 @pytest.mark.parametrize("smooth_s", [None, 10.0])
@@ -133,7 +140,9 @@ def test_table_1_has_one_camera_at_root_two_of_the_pair():
     run = evaluate(LAST_DAY, 2)
     table = table_1(run.before[0], run.after[0])
     np.testing.assert_allclose(
-        table.loc["one camera, before"] * np.sqrt(2), table.loc["pair, before"].to_numpy(), rtol=1e-12
+        table.loc["one camera, before"] * np.sqrt(2),
+        table.loc["pair, before"].to_numpy(),
+        rtol=1e-12,
     )
     assert table.loc["pair, before", "total"] == pytest.approx(3 * lb.rms(run.before[0]), rel=1e-12)
 
@@ -144,8 +153,10 @@ def test_the_error_budget_has_the_sizes_that_theory_gives():
     assert table.loc["quaternions with 6 decimals"].item() == pytest.approx(
         3 * 2 * 2**0.5 * 1e-6 / 12**0.5 * 206265, rel=0.05
     )
-    assert table.loc["time tags 1 ms apart", "at most, pitch about the common normal"] == pytest.approx(
-        0.228, abs=0.001
+    assert table.loc[
+        "time tags 1 ms apart", "at most, pitch about the common normal"
+    ] == pytest.approx(0.228, abs=0.001)
+    assert table.loc["focal length +10 ppm, spots on one side"].item() == pytest.approx(
+        0.108, abs=0.001
     )
-    assert table.loc["focal length +10 ppm, spots on one side"].item() == pytest.approx(0.108, abs=0.001)
     assert table.loc["angle by 2 acos(w)"].item() == pytest.approx(0.0043, abs=0.0002)

@@ -1,4 +1,6 @@
-"""Authority: closed forms of liu2026's geometry, the exact projection, and the scatter of many draws."""
+"""Authority: closed forms of liu2026's geometry, the exact projection, and the scatter of many
+draws.
+"""
 
 import warnings
 
@@ -8,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import losbench as lb
+from losbench.optics.camera import project
 from losbench.pointing.attitude import attitude_covariance
-from losbench.pointing.optics import project
 from losbench.units import ARCSEC_PER_RAD
 
 LIU_POINTS = np.array([[5.0, 75.0, -475.0], [-5.0, 75.0, -475.0]])
@@ -21,7 +23,9 @@ SIGMA_MM = 2e-4
 PER_SOLVE = ("angles", "cov", "redundancy", "p_value", "scale", "converged", "ok")
 PER_FRAME = ("residuals", "weights", "leverage")
 
-two_spots_warn = pytest.warns(UserWarning, match="with two spots per solve no outlier can be identified")
+two_spots_warn = pytest.warns(
+    UserWarning, match="with two spots per solve no outlier can be identified"
+)
 
 
 def seen_shifts(points, angles):
@@ -36,7 +40,10 @@ def noisy_frames(frames, *, seed, points=SPOTS):
 def assert_same(one, other, names=PER_SOLVE + PER_FRAME, **tolerance):
     for name in names:
         np.testing.assert_allclose(
-            getattr(one, name), getattr(other, name), **({"rtol": 1e-9, "atol": 1e-13} | tolerance), err_msg=name
+            getattr(one, name),
+            getattr(other, name),
+            **({"rtol": 1e-9, "atol": 1e-13} | tolerance),
+            err_msg=name,
         )
 
 
@@ -84,12 +91,16 @@ def test_exact_resists_a_bad_spot_and_takes_missing_ones():
     np.testing.assert_allclose(fit.angles[1:], angles[1:], atol=1e-10)
     assert fit.weights[0, 2].max() < 0.01
     least = lb.solve_attitude(SPOTS, shifts, exact=True, method="ls")
-    assert np.abs(fit.angles[0] - angles[0]).max() < 0.05 * np.abs(least.angles[0] - angles[0]).max()
+    assert (
+        np.abs(fit.angles[0] - angles[0]).max() < 0.05 * np.abs(least.angles[0] - angles[0]).max()
+    )
 
 
 def test_the_linear_pinhole_rows_are_what_exact_starts_from():
     shifts = noisy_frames(5, seed=1)
-    linear, exact = (lb.solve_attitude(SPOTS, shifts, exact=e, sigma=SIGMA_MM) for e in (False, True))
+    linear, exact = (
+        lb.solve_attitude(SPOTS, shifts, exact=e, sigma=SIGMA_MM) for e in (False, True)
+    )
     np.testing.assert_allclose(exact.angles, linear.angles, rtol=0, atol=1e-7)
     assert_same(exact, linear, names=("cov", "leverage"), rtol=1e-3)
 
@@ -98,7 +109,9 @@ def test_spots_on_one_line_are_as_good_as_others():
     line = np.array([[x, 0.5 * x + 1.0, 260.0] for x in (-8.0, -1.0, 3.0, 9.0)])
     for model in ("paper", "pinhole"):
         shifts = (lb.design_matrix(line, model) @ ANGLES).reshape(-1, 2)
-        np.testing.assert_allclose(lb.solve_attitude(line, shifts, model=model).angles, ANGLES, rtol=1e-9)
+        np.testing.assert_allclose(
+            lb.solve_attitude(line, shifts, model=model).angles, ANGLES, rtol=1e-9
+        )
 
 
 # Invariants
@@ -113,7 +126,9 @@ def test_a_batch_equals_a_loop():
     for index in np.ndindex(3, 4):
         one = lb.solve_attitude(SPOTS, shifts[index], sigma=SIGMA_MM)
         for name in PER_SOLVE + PER_FRAME:
-            np.testing.assert_allclose(getattr(batch, name)[index], getattr(one, name), rtol=1e-8, atol=1e-14)
+            np.testing.assert_allclose(
+                getattr(batch, name)[index], getattr(one, name), rtol=1e-8, atol=1e-14
+            )
 
 
 @given(unit=st.sampled_from([1e-3, 1e3, 39.37]))
@@ -139,7 +154,9 @@ def test_shifts_of_another_rotation_add_its_angles_and_order_of_spots_is_free():
 # Missing spots and stacks
 
 
-@pytest.mark.parametrize("options", [{}, {"sigma": SIGMA_MM}, {"method": "ls"}, {"scale": "std", "group": None}])
+@pytest.mark.parametrize(
+    "options", [{}, {"sigma": SIGMA_MM}, {"method": "ls"}, {"scale": "std", "group": None}]
+)
 def test_a_missing_spot_is_a_spot_left_out(options):
     shifts = noisy_frames(8, seed=5)
     shifts[3, 0] += 40 * SIGMA_MM
@@ -152,7 +169,9 @@ def test_a_missing_spot_is_a_spot_left_out(options):
     )
     assert_same(with_gap, without, names=PER_SOLVE)
     for name in PER_FRAME:
-        np.testing.assert_allclose(getattr(with_gap, name)[:, keep], getattr(without, name), rtol=1e-9, atol=1e-13)
+        np.testing.assert_allclose(
+            getattr(with_gap, name)[:, keep], getattr(without, name), rtol=1e-9, atol=1e-13
+        )
     assert np.isnan(with_gap.residuals[:, 2]).all()
     np.testing.assert_array_equal(with_gap.weights[:, 2], 0.0)
 
@@ -195,37 +214,52 @@ def test_stacked_frames_are_one_system_and_left_over_frames_a_shorter_one():
 
 def test_least_squares_takes_a_known_scale_for_its_covariance():
     shifts = 1e-3 * np.random.default_rng(4).standard_normal((5, 6, 2))
-    one, two = (lb.solve_attitude(SPOTS, shifts, method="ls", scale=scale) for scale in (1e-3, 2e-3))
+    one, two = (
+        lb.solve_attitude(SPOTS, shifts, method="ls", scale=scale) for scale in (1e-3, 2e-3)
+    )
     np.testing.assert_allclose(two.cov, 4.0 * one.cov)
-    np.testing.assert_allclose(one.cov, lb.solve_attitude(SPOTS, shifts, method="ls", sigma=1e-3).cov, rtol=1e-9)
+    np.testing.assert_allclose(
+        one.cov, lb.solve_attitude(SPOTS, shifts, method="ls", sigma=1e-3).cov, rtol=1e-9
+    )
 
 
 def test_stacked_least_squares_is_the_mean_of_its_frames():
     shifts = noisy_frames(20, seed=8).reshape(2, 10, 6, 2)
-    single, stacked = (lb.solve_attitude(SPOTS, shifts, stack=k, method="ls", sigma=SIGMA_MM) for k in (1, 5))
-    np.testing.assert_allclose(stacked.angles, single.angles.reshape(2, 2, 5, 3).mean(axis=2), atol=1e-14)
+    single, stacked = (
+        lb.solve_attitude(SPOTS, shifts, stack=k, method="ls", sigma=SIGMA_MM) for k in (1, 5)
+    )
+    np.testing.assert_allclose(
+        stacked.angles, single.angles.reshape(2, 2, 5, 3).mean(axis=2), atol=1e-14
+    )
     np.testing.assert_allclose(stacked.cov, single.cov[:, ::5] / 5, rtol=1e-10)
-    np.testing.assert_allclose(stacked.cov[0, 0], attitude_covariance(SPOTS, SIGMA_MM, stack=5), rtol=1e-10)
+    np.testing.assert_allclose(
+        stacked.cov[0, 0], attitude_covariance(SPOTS, SIGMA_MM, stack=5), rtol=1e-10
+    )
 
 
 def test_a_stack_longer_than_the_recording_is_one_block():
     shifts = noisy_frames(3, seed=9)
-    assert_same(lb.solve_attitude(SPOTS, shifts, stack=3), lb.solve_attitude(SPOTS, shifts, stack=50))
+    assert_same(
+        lb.solve_attitude(SPOTS, shifts, stack=3), lb.solve_attitude(SPOTS, shifts, stack=50)
+    )
 
 
 # Errors: predicted and seen
 
 
 def test_errors_of_the_published_layout():
-    # One-sigma errors about x, y, z in closed form, A and B at (+-5, 75, -475), 0.5 px of 4.5 um: alpha is the mean of
-    # two y shifts (with gamma leaking in as x/z = 0 on average), gamma their difference over 10 mm.
+    # One-sigma errors about x, y, z in closed form, A and B at (+-5, 75, -475), 0.5 px of 4.5 um:
+    # alpha is the mean of two y shifts (with gamma leaking in as x/z = 0 on average), gamma their
+    # difference over 10 mm.
     sigma = 0.5 * LIU_PIXEL_MM
     z = sigma * np.sqrt(2) / 10
     x = sigma / np.sqrt(2) / 475
     y = np.hypot(x, 75 / 475 * z)
     covariance = attitude_covariance(LIU_POINTS, sigma, model="paper")
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [x, y, z], rtol=1e-10)
-    np.testing.assert_allclose(np.array([x, y, z]) * ARCSEC_PER_RAD, [0.691, 10.39, 65.6], rtol=1e-3)
+    np.testing.assert_allclose(
+        np.array([x, y, z]) * ARCSEC_PER_RAD, [0.691, 10.39, 65.6], rtol=1e-3
+    )
 
 
 @pytest.mark.parametrize(("model", "tolerance"), [("paper", 0.03), ("pinhole", 0.03)])
@@ -241,7 +275,9 @@ def test_monte_carlo_scatter_is_the_closed_form(model, tolerance):
 def test_covariance_of_a_batch_of_layouts_equals_a_loop():
     layouts = np.stack([SPOTS, SPOTS * [0.5, 2.0, 1.0]])
     batch = attitude_covariance(layouts, SIGMA_MM)
-    np.testing.assert_allclose(batch, [attitude_covariance(one, SIGMA_MM) for one in layouts], rtol=1e-12)
+    np.testing.assert_allclose(
+        batch, [attitude_covariance(one, SIGMA_MM) for one in layouts], rtol=1e-12
+    )
     rows = lb.design_matrix(SPOTS) / SIGMA_MM
     np.testing.assert_allclose(batch[0], np.linalg.inv(rows.T @ rows), rtol=1e-9)
 
@@ -252,15 +288,25 @@ def test_a_layout_in_one_direction_has_no_finite_covariance():
 
 @pytest.mark.parametrize(
     "options",
-    [{"method": "ls"}, {"sigma": True}, {"sigma": True, "group": None}, {"scale": "mad", "stack": 10}],
+    [
+        {"method": "ls"},
+        {"sigma": True},
+        {"sigma": True, "group": None},
+        {"scale": "mad", "stack": 10},
+    ],
 )
 def test_predicted_covariance_is_the_empirical_one(options):
     sigma = SIGMA_MM * np.array([[1.0, 2.0]]) * np.array([[1.0], [1.0], [3.0], [1.0], [1.0], [1.0]])
     known = "sigma" in options
-    noise = (sigma if known else SIGMA_MM) * np.random.default_rng(11).standard_normal((40_000, 6, 2))
-    fit = lb.solve_attitude(SPOTS, noise, **(options | ({"sigma": sigma} if known else {})), max_iter=1000)
+    noise = (sigma if known else SIGMA_MM) * np.random.default_rng(11).standard_normal(
+        (40_000, 6, 2)
+    )
+    fit = lb.solve_attitude(
+        SPOTS, noise, **(options | ({"sigma": sigma} if known else {})), max_iter=1000
+    )
     predicted = fit.cov.mean(axis=0)
-    # reduced chi-square per axis: sampling error 0.7 % (2.2 % stacked); Huber's weights cost a few per cent of accuracy
+    # reduced chi-square per axis: sampling error 0.7 % (2.2 % stacked); Huber's weights cost a few
+    # per cent of accuracy
     np.testing.assert_allclose(np.diag(np.cov(fit.angles.T)) / np.diag(predicted), 1.0, atol=0.07)
 
 
@@ -287,7 +333,9 @@ def test_two_spots_can_detect_what_they_cannot_identify():
 
 def test_redundancy_numbers_add_up():
     fit = lb.solve_attitude(SPOTS, noisy_frames(6, seed=14), stack=2, sigma=SIGMA_MM)
-    np.testing.assert_allclose((1 - fit.leverage).reshape(3, -1).sum(axis=1), fit.redundancy, rtol=1e-12)
+    np.testing.assert_allclose(
+        (1 - fit.leverage).reshape(3, -1).sum(axis=1), fit.redundancy, rtol=1e-12
+    )
     rows = lb.design_matrix(SPOTS)
     hat = rows @ np.linalg.inv(rows.T @ rows) @ rows.T / 2
     np.testing.assert_allclose(fit.leverage[0].ravel(), np.diag(hat), rtol=1e-9)
@@ -305,7 +353,8 @@ def test_sigma_weighs_spots():
     shifts[2, 3] = each[2, 3] = np.nan
     assert lb.solve_attitude(SPOTS, shifts, sigma=each).ok.all()
     assert_same(
-        lb.solve_attitude(SPOTS, shifts, sigma=each, stack=4), lb.solve_attitude(SPOTS, shifts, sigma=sigma, stack=4)
+        lb.solve_attitude(SPOTS, shifts, sigma=each, stack=4),
+        lb.solve_attitude(SPOTS, shifts, sigma=sigma, stack=4),
     )
 
 
@@ -314,7 +363,8 @@ def test_sigma_weighs_spots():
 
 @pytest.mark.parametrize(("scale", "weight"), [("std", 0.951), ("mad", 0.997), ("std1", 1.0)])
 def test_with_two_spots_reweighting_changes_nothing(scale, weight):
-    # Rows 1 and 3 of A are equal, so residuals are (d, 0, -d, 0): rows 1 and 3 share a weight, the angles do not move.
+    # Rows 1 and 3 of A are equal, so residuals are (d, 0, -d, 0): rows 1 and 3 share a weight, the
+    # angles do not move.
     shifts = 0.1 * LIU_PIXEL_MM * np.random.default_rng(16).standard_normal((5000, 2, 2))
     least = lb.solve_attitude(LIU_POINTS, shifts, model="paper", method="ls")
     with two_spots_warn:
@@ -338,13 +388,16 @@ def test_with_two_spots_reweighting_changes_nothing(scale, weight):
     ],
 )
 def test_stacked_frames_of_two_spots_gain_what_was_found_before(bad, share, size, scale, ratio):
-    # 1000 frames in 100 blocks of 10, the paper's rows, one weight per element; a bad element is off by +-size sigma.
+    # 1000 frames in 100 blocks of 10, the paper's rows, one weight per element; a bad element is
+    # off by +-size sigma.
     rng = np.random.default_rng(18)
     shifts = rng.standard_normal((20, 1000, 2, 2))
     where = rng.random((20, 1000, 1, 1) if bad == "frames" else shifts.shape) < share
     shifts += where * size * rng.choice([-1.0, 1.0], size=shifts.shape)
     least, robust = (
-        lb.solve_attitude(LIU_POINTS, 1e-3 * shifts, model="paper", stack=10, **options).angles.std(axis=1).mean(axis=0)
+        lb.solve_attitude(LIU_POINTS, 1e-3 * shifts, model="paper", stack=10, **options)
+        .angles.std(axis=1)
+        .mean(axis=0)
         for options in ({"method": "ls"}, {"scale": scale, "group": None})
     )
     np.testing.assert_allclose(robust / least, ratio, atol=0.03)
@@ -352,7 +405,8 @@ def test_stacked_frames_of_two_spots_gain_what_was_found_before(bad, share, size
 
 @pytest.mark.parametrize(("spots", "least", "robust"), [(4, 18.0, 1.2), (8, 8.9, 0.6)])
 def test_one_bad_spot_of_many_is_resisted_with_a_known_sigma(spots, least, robust):
-    # Rows (1, 0, -v), (0, 1, u) of a unit ring, which the paper's rows are at z = 1 up to order and sign of columns.
+    # Rows (1, 0, -v), (0, 1, u) of a unit ring, which the paper's rows are at z = 1 up to order and
+    # sign of columns.
     turn = 2 * np.pi * np.arange(spots) / spots
     ring = np.column_stack([np.cos(turn), np.sin(turn), np.ones(spots)])
     rng = np.random.default_rng(19)
@@ -400,10 +454,25 @@ def test_a_limit_on_iterations_is_reported_once():
             {},
             r"shifts must have shape \(\.\.\., 4, 2\) to match 4 points, got \(100, 3, 2\)",
         ),
-        (SPOTS, np.full((6, 2), np.inf), {}, "shifts must be finite or NaN, got 12 infinite of 12 values"),
+        (
+            SPOTS,
+            np.full((6, 2), np.inf),
+            {},
+            "shifts must be finite or NaN, got 12 infinite of 12 values",
+        ),
         (SPOTS, np.zeros((0, 6, 2)), {}, "shifts must hold at least one sample"),
-        (SPOTS[:1], np.zeros((1, 2)), {}, "points must hold at least 2 spots to fix three angles, got 1"),
-        (SPOTS[[0, 1, 0]], np.zeros((3, 2)), {}, "points must differ, got two equal points: 0 and 2"),
+        (
+            SPOTS[:1],
+            np.zeros((1, 2)),
+            {},
+            "points must hold at least 2 spots to fix three angles, got 1",
+        ),
+        (
+            SPOTS[[0, 1, 0]],
+            np.zeros((3, 2)),
+            {},
+            "points must differ, got two equal points: 0 and 2",
+        ),
         (
             [[1.0, 2.0, 10.0], [0.0, 0.0, 10.0], [2.0, 4.0, 20.0]],
             np.zeros((3, 2)),
@@ -411,26 +480,66 @@ def test_a_limit_on_iterations_is_reported_once():
             "got 0 and 2 on one line of sight, which leaves the rotation about it undetermined",
         ),
         (SPOTS[None], np.zeros((6, 2)), {}, r"points must have shape \(n, 3\), got \(1, 6, 3\)"),
-        (SPOTS, np.zeros((6, 2)), {"method": "best"}, "method must be one of 'irls', 'ls', 'lts', 'mm', got 'best'"),
-        (SPOTS, np.zeros((6, 2)), {"model": "fisheye"}, "model must be one of 'pinhole', 'paper', got 'fisheye'"),
+        (
+            SPOTS,
+            np.zeros((6, 2)),
+            {"method": "best"},
+            "method must be one of 'irls', 'ls', 'lts', 'mm', got 'best'",
+        ),
+        (
+            SPOTS,
+            np.zeros((6, 2)),
+            {"model": "fisheye"},
+            "model must be one of 'pinhole', 'paper', got 'fisheye'",
+        ),
         (SPOTS, np.zeros((6, 2)), {"group": "frame"}, "group must be one of 'spot', got 'frame'"),
-        (SPOTS, np.zeros((6, 2)), {"exact": True, "model": "paper"}, "exact must be False with model 'paper'"),
+        (
+            SPOTS,
+            np.zeros((6, 2)),
+            {"exact": True, "model": "paper"},
+            "exact must be False with model 'paper'",
+        ),
         (
             SPOTS,
             np.zeros((6, 2)),
             {"stack": 2},
             r"shifts must have shape \(\.\.\., frames, 6, 2\) to be stacked, got \(6, 2\)",
         ),
-        (SPOTS, np.zeros((6, 2)), {"stack": 0}, "stack must be a whole number of at least 1, got 0"),
-        (SPOTS, np.zeros((6, 2)), {"sigma": 0.0}, "sigma must be positive wherever a shift is given"),
-        (SPOTS, np.zeros((6, 2)), {"sigma": np.ones(6)}, r"sigma must broadcast to shape \(6, 2\), got \(6,\)"),
+        (
+            SPOTS,
+            np.zeros((6, 2)),
+            {"stack": 0},
+            "stack must be a whole number of at least 1, got 0",
+        ),
+        (
+            SPOTS,
+            np.zeros((6, 2)),
+            {"sigma": 0.0},
+            "sigma must be positive wherever a shift is given",
+        ),
+        (
+            SPOTS,
+            np.zeros((6, 2)),
+            {"sigma": np.ones(6)},
+            r"sigma must broadcast to shape \(6, 2\), got \(6,\)",
+        ),
         (SPOTS, np.zeros((6, 2)), {"scale": [1.0, 2.0]}, "scale must be a number"),
         *(
-            (SPOTS, np.zeros((6, 2)), {"method": method, "scale": 0}, "scale must be positive, got 0")
+            (
+                SPOTS,
+                np.zeros((6, 2)),
+                {"method": method, "scale": 0},
+                "scale must be positive, got 0",
+            )
             for method in ("irls", "ls", "lts", "mm")
         ),
         (SPOTS, np.zeros((6, 2)), {"scale": True}, "scale must be a number, got True"),
-        (SPOTS, np.zeros((6, 2)), {"method": "ls", "scale": "mad"}, "scale must be a number, got 'mad'"),
+        (
+            SPOTS,
+            np.zeros((6, 2)),
+            {"method": "ls", "scale": "mad"},
+            "scale must be a number, got 'mad'",
+        ),
     ],
 )
 def test_bad_input_is_named(points, shifts, options, message):

@@ -29,7 +29,9 @@ def test_three_bad_spots_of_eight_are_found_out(method, options):
     assert fit.weights[:, 3:].mean() > 0.75
     assert (np.abs(fit.angles - ANGLES) < 6 * fit.std_error).mean() > 0.97
     huber = lb.solve_attitude(SPOTS, shifts, method="irls", max_iter=3000)
-    assert (np.abs(huber.angles - ANGLES)[:, :2] > 20 * np.abs(fit.angles - ANGLES)[:, :2].mean()).all()
+    assert (
+        np.abs(huber.angles - ANGLES)[:, :2] > 20 * np.abs(fit.angles - ANGLES)[:, :2].mean()
+    ).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -40,7 +42,9 @@ def test_missing_spots_and_single_frames(method):
     shifts[5, 1:] = np.nan
     fit = lb.solve_attitude(SPOTS, shifts, method=method)
     assert fit.ok.tolist() == [True] * 5 + [False]
-    np.testing.assert_allclose(fit.angles[2], lb.solve_attitude(SPOTS[:7], shifts[2, :7], method=method).angles)
+    np.testing.assert_allclose(
+        fit.angles[2], lb.solve_attitude(SPOTS[:7], shifts[2, :7], method=method).angles
+    )
     least = lb.solve_attitude(SPOTS, shifts[4], method="ls")
     np.testing.assert_allclose(fit.angles[4], least.angles, rtol=1e-6)
 

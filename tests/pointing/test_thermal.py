@@ -39,7 +39,9 @@ def test_a_network_follows_the_adaptive_integrator():
         return flow / c
 
     start = [18.0, 20.0, 17.0, 30.0]
-    expected = solve_ivp(heat_flow, (0, TIME_S[-1]), start, t_eval=TIME_S, rtol=1e-10, atol=1e-10, max_step=20.0).y.T
+    expected = solve_ivp(
+        heat_flow, (0, TIME_S[-1]), start, t_eval=TIME_S, rtol=1e-10, atol=1e-10, max_step=20.0
+    ).y.T
     np.testing.assert_allclose(CAMERA_NODES.simulate(TIME_S, ROOM_DEGC, start), expected, atol=1e-6)
 
 
@@ -79,7 +81,9 @@ def test_tilt_is_linear_in_each_node():
     temperature = CAMERA_NODES.simulate(TIME_S, ROOM_DEGC)
     tilt = thermoelastic_tilt(temperature, matrix, reference_degC=temperature[0])
     np.testing.assert_array_equal(tilt[0], 0.0)
-    np.testing.assert_allclose(np.degrees(tilt[-1]) * 3600, matrix @ (temperature[-1] - temperature[0]), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.degrees(tilt[-1]) * 3600, matrix @ (temperature[-1] - temperature[0]), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,15 +91,30 @@ def test_tilt_is_linear_in_each_node():
     [
         (lambda: lb.ThermalNetwork({"a": 0.0}, {}, {}), "capacity_J_per_K must be positive, got 0"),
         (lambda: lb.ThermalNetwork({}, {}, {}), "capacity_J_per_K must hold at least one sample"),
-        (lambda: lb.ThermalNetwork({"a": 1.0}, {}, {"b": 1.0}), "room_W_per_K must join nodes of a, got b"),
-        (lambda: lb.ThermalNetwork({"a": 1.0}, {("a", "c"): 1.0}, {}), "link_W_per_K must join nodes of a, got c"),
-        (lambda: lb.ThermalNetwork({"a": 1.0}, {("a", "a"): 1.0}, {}), "link_W_per_K must name two different nodes"),
+        (
+            lambda: lb.ThermalNetwork({"a": 1.0}, {}, {"b": 1.0}),
+            "room_W_per_K must join nodes of a, got b",
+        ),
+        (
+            lambda: lb.ThermalNetwork({"a": 1.0}, {("a", "c"): 1.0}, {}),
+            "link_W_per_K must join nodes of a, got c",
+        ),
+        (
+            lambda: lb.ThermalNetwork({"a": 1.0}, {("a", "a"): 1.0}, {}),
+            "link_W_per_K must name two different nodes",
+        ),
         (
             lambda: lb.ThermalNetwork({"a": 1.0, "b": 1.0}, {("a", "b"): 1.0, ("b", "a"): 2.0}, {}),
             "link_W_per_K must name two different nodes per link and each pair once",
         ),
-        (lambda: lb.ThermalNetwork({"a": 1.0}, {}, {"a": -1.0}), "room_W_per_K must not be negative, got -1"),
-        (lambda: CAMERA_NODES.simulate([0.0, 0.0], [1.0, 1.0]), "time_s must increase, got a step of 0 s"),
+        (
+            lambda: lb.ThermalNetwork({"a": 1.0}, {}, {"a": -1.0}),
+            "room_W_per_K must not be negative, got -1",
+        ),
+        (
+            lambda: CAMERA_NODES.simulate([0.0, 0.0], [1.0, 1.0]),
+            "time_s must increase, got a step of 0 s",
+        ),
         (
             lambda: CAMERA_NODES.simulate([0.0, 1.0], [1.0]),
             r"room_degC must have shape \(2,\) to match time_s, got \(1,\)",
@@ -137,7 +156,9 @@ def test_a_straight_drift_comes_back(method):
     np.testing.assert_allclose(fit.k, K, rtol=1e-9)
     np.testing.assert_allclose(fit.offset, OFFSET, atol=1e-15)
     np.testing.assert_allclose(fit.k_arcsec_per_degC, np.degrees(K) * 3600, rtol=1e-9)
-    np.testing.assert_allclose(fit.predict([20.0, np.nan])[0], drift(np.array([20.0]))[0], rtol=1e-9)
+    np.testing.assert_allclose(
+        fit.predict([20.0, np.nan])[0], drift(np.array([20.0]))[0], rtol=1e-9
+    )
     assert np.isnan(fit.predict([20.0, np.nan])[1]).all()
     assert fit.k_interval.shape == (3, 2)
     assert fit.reference_degC == pytest.approx(np.mean(ROOM_DEGC))
@@ -166,7 +187,9 @@ def test_intervals_cover_the_truth_as_often_as_they_say(method):
 def test_outliers_that_cost_least_squares_its_k_leave_irls_with_it():
     angles = drift(ROOM_DEGC, noise=2e-7, seed=3)
     angles[-40::4] += 5e-5  # one-sided, in the warm part
-    least, robust = (lb.fit_sensitivity(ROOM_DEGC, angles, method=method) for method in ("ls", "irls"))
+    least, robust = (
+        lb.fit_sensitivity(ROOM_DEGC, angles, method=method) for method in ("ls", "irls")
+    )
     assert (np.abs(least.k - K) > 1e-7).all()
     assert (np.abs(robust.k - K) < 1e-8).all()
     assert (robust.weights[-40::4] < 0.05).all()
@@ -268,8 +291,14 @@ ANGLE = 1e-6 * ROOM_DEGC
             lambda: lb.fit_sensitivity(ROOM_DEGC, np.zeros((3, 400))),
             r"angles must have shape \(400, k\) to match temperature_degC, got \(3, 400\)",
         ),
-        (lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, lag_s=10.0), "time_s must be given with a lag"),
-        (lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, lag_s=-1.0, time_s=TIME_S), "lag_s must be positive, got -1"),
+        (
+            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, lag_s=10.0),
+            "time_s must be given with a lag",
+        ),
+        (
+            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, lag_s=-1.0, time_s=TIME_S),
+            "lag_s must be positive, got -1",
+        ),
         (
             lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, lag_s="auto", time_s=TIME_S),
             "lag_s must be a number, got 'auto'",
@@ -278,10 +307,18 @@ ANGLE = 1e-6 * ROOM_DEGC
             lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, lag_s="fit", time_s=TIME_S[1:]),
             r"time_s must have shape \(400,\) to match temperature_degC, got \(399,\)",
         ),
-        (lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, method="mm"), "method must be one of 'irls', 'ls', got 'mm'"),
-        (lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, confidence=95), "confidence must be a finite number from 0 to 1"),
         (
-            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, time_s=TIME_S, lag_s=9.0).predict(ROOM_DEGC),
+            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, method="mm"),
+            "method must be one of 'irls', 'ls', got 'mm'",
+        ),
+        (
+            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, confidence=95),
+            "confidence must be a finite number from 0 to 1",
+        ),
+        (
+            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, time_s=TIME_S, lag_s=9.0).predict(
+                ROOM_DEGC
+            ),
             "time_s must be given with a lag",
         ),
     ],

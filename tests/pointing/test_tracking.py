@@ -22,7 +22,9 @@ def test_a_uniform_turn_comes_back_exactly(method):
     truth, shifts = recording(30, seed=0, noise=0.0)
     track = lb.track_attitude(POINTS, shifts, method=method, window=5, time_s=0.5 * np.arange(30))
     np.testing.assert_allclose(track.angles, truth, atol=1e-13)
-    np.testing.assert_allclose(track.rates, np.broadcast_to([2e-6, -4e-6, 6e-5], (30, 3)), atol=1e-13)
+    np.testing.assert_allclose(
+        track.rates, np.broadcast_to([2e-6, -4e-6, 6e-5], (30, 3)), atol=1e-13
+    )
     assert not track.bad.any()
     assert track.converged.all()
 
@@ -80,7 +82,10 @@ def test_a_long_series_goes_through_in_parts():
 
 
 BAD = [
-    ({"shifts": np.zeros((9, 3, 2))}, r"shifts must have shape \(F, 2, 2\) to match 2 points, got \(9, 3, 2\)"),
+    (
+        {"shifts": np.zeros((9, 3, 2))},
+        r"shifts must have shape \(F, 2, 2\) to match 2 points, got \(9, 3, 2\)",
+    ),
     ({"shifts": np.zeros((9, 2))}, r"shifts must have 3 dimensions, got shape \(9, 2\)"),
     ({"window": 2}, "window must be a whole number of at least 3, got 2"),
     ({"window": 10}, "window must not be longer than the 9 frames, got 10"),

@@ -1,4 +1,6 @@
-"""Simulated recordings give back their truth within their predicted errors; what goes wrong is said, and goes on."""
+"""Simulated recordings give back their truth within their predicted errors; what goes wrong is
+said, and goes on.
+"""
 
 import json
 from dataclasses import replace
@@ -11,12 +13,12 @@ import pytest
 
 import losbench as lb
 from losbench.imaging.results import SpotFlag
-from losbench.papers.liu2026.bench import ThermalBench
-from losbench.papers.liu2026.recording import write_recording
+from losbench.logs import FrameTimes, TemperatureLog, read_temperature_log
+from losbench.papers.liu2026.export import write_recording
+from losbench.papers.liu2026.scenario import ThermalBench
 from losbench.recording.readers import Recording
 from losbench.recording.report import write_report
 from losbench.recording.stamps import Stamp, UnreadableFrame
-from losbench.recording.times import FrameTimes, TemperatureLog, read_temperature_log
 from losbench.units import rad_to_arcsec
 
 REFERENCE = 20
@@ -37,7 +39,10 @@ def in_memory(frames, times=None):
 
 
 def frames_of(spots, n=12, flux=2e5, seed=5):
-    electrons = lb.render_spots(np.broadcast_to(spots, (n, *np.shape(spots)[-2:])), flux, 2.0, CAMERA.shape) + 40.0
+    electrons = (
+        lb.render_spots(np.broadcast_to(spots, (n, *np.shape(spots)[-2:])), flux, 2.0, CAMERA.shape)
+        + 40.0
+    )
     return DETECTOR.expose(electrons, seed)
 
 
@@ -63,10 +68,16 @@ def test_the_twin_is_measured_within_its_predicted_errors(simulated):
 
 def test_the_table_has_times_temperatures_shifts_and_angles(simulated):
     recording = lb.read_recording(simulated / "frames", times=simulated / "times.csv")
-    log = TemperatureLog(FrameTimes(np.array([0.0, 9000.0])), np.array([[18.0], [25.0]]), ("temperature_degC",))
-    table = lb.measure(recording, lb.Camera.from_toml(simulated / "camera.toml"), temperature=log).table
+    log = TemperatureLog(
+        FrameTimes(np.array([0.0, 9000.0])), np.array([[18.0], [25.0]]), ("temperature_degC",)
+    )
+    table = lb.measure(
+        recording, lb.Camera.from_toml(simulated / "camera.toml"), temperature=log
+    ).table
     assert list(table.columns[:3]) == ["frame", "time_s", "temperature_degC"]
-    assert {"dx1_px", "dy2_px", "flags1", "alpha_arcsec", "sigma_gamma_arcsec", "p_value"} <= set(table.columns)
+    assert {"dx1_px", "dy2_px", "flags1", "alpha_arcsec", "sigma_gamma_arcsec", "p_value"} <= set(
+        table.columns
+    )
     assert table["temperature_degC"].is_monotonic_increasing
 
 
@@ -126,7 +137,9 @@ def test_a_spot_that_is_gone_for_good_does_not_drag_the_other_along():
 
 
 def test_eight_bit_frames_give_angles_with_errors_that_hold():
-    electrons = np.broadcast_to(lb.render_spots(SPOTS, 2e4, 2.0, CAMERA.shape) + 40.0, (40, *CAMERA.shape))
+    electrons = np.broadcast_to(
+        lb.render_spots(SPOTS, 2e4, 2.0, CAMERA.shape) + 40.0, (40, *CAMERA.shape)
+    )
     sensor = lb.Detector(gain_e_per_dn=6.0, read_noise_e=1.0, offset_dn=5.0, bits=8)
     frames = sensor.expose(electrons, 4).astype(np.uint8)
     measured = lb.measure(in_memory(frames), CAMERA, detector=sensor)
@@ -138,7 +151,10 @@ def test_eight_bit_frames_give_angles_with_errors_that_hold():
 
 
 def test_frames_of_another_shape_than_the_camera_are_refused():
-    with pytest.raises(ValueError, match=r"camera must have the shape of the frames, \(100, 150\), got \(1080, 1920\)"):
+    with pytest.raises(
+        ValueError,
+        match=r"camera must have the shape of the frames, \(100, 150\), got \(1080, 1920\)",
+    ):
         lb.measure(in_memory(frames_of(SPOTS)), lb.Camera(260.0, 10.0, (1080, 1920)))
 
 
@@ -160,11 +176,15 @@ def test_full_scale_is_the_detector_s_whatever_numbers_hold_the_frames(tmp_path,
     read = lb.measure(lb.read_recording(tmp_path / "frames.npy"), detector=sensor, spots=SPOTS[:2])
     as_read_out = lb.measure(in_memory(clipped), detector=sensor, spots=SPOTS[:2])
     assert (as_read_out.flags[:, 1] & SpotFlag.SATURATED).any()
-    np.testing.assert_array_equal(read.flags & SpotFlag.SATURATED, as_read_out.flags & SpotFlag.SATURATED)
+    np.testing.assert_array_equal(
+        read.flags & SpotFlag.SATURATED, as_read_out.flags & SpotFlag.SATURATED
+    )
 
 
 def test_calibrated_frames_whose_files_tell_the_noise_have_no_full_scale():
-    frames = (lb.render_spots(np.repeat(SPOTS[None, :2], 2, axis=0), 4e6, 2.0, CAMERA.shape) + 5.0).astype(np.float32)
+    frames = (
+        lb.render_spots(np.repeat(SPOTS[None, :2], 2, axis=0), 4e6, 2.0, CAMERA.shape) + 5.0
+    ).astype(np.float32)
     assert frames.max() > DETECTOR.full_scale_dn
     measured = lb.measure(replace(in_memory(frames), detector=DETECTOR), spots=SPOTS[:2])
     assert not (measured.flags & SpotFlag.SATURATED).any()
@@ -176,7 +196,9 @@ def test_a_log_that_does_not_fit_is_found_before_a_frame_is_read():
 
     stamp = Stamp("frame", CAMERA.shape, (0.0, 0.0), load)
     recording = Recording("memory", 3, (stamp,), times=FrameTimes(np.arange(3.0)))
-    log = TemperatureLog(FrameTimes(np.array([50.0, 60.0])), np.array([[18.0], [19.0]]), ("temperature_degC",))
+    log = TemperatureLog(
+        FrameTimes(np.array([50.0, 60.0])), np.array([[18.0], [19.0]]), ("temperature_degC",)
+    )
     with pytest.raises(ValueError, match="the temperature log must overlap the frames in time"):
         lb.measure(recording, temperature=log)
 
@@ -187,7 +209,9 @@ def drifting(n=40, time_s=None):
     frames = DETECTOR.expose(lb.render_spots(SPOTS + drift, 2e5, 2.0, CAMERA.shape) + 40.0, 8)
     clock = np.arange(n) * 5.0
     celsius = np.stack([18.0 + clock / 40.0, np.full(n, 20.0)], axis=-1)
-    log = TemperatureLog(FrameTimes(clock), celsius, ("temperature_m1_degC", "temperature_plate_degC"))
+    log = TemperatureLog(
+        FrameTimes(clock), celsius, ("temperature_m1_degC", "temperature_plate_degC")
+    )
     return in_memory(frames, FrameTimes(clock if time_s is None else time_s)), log
 
 
@@ -196,7 +220,9 @@ def test_a_frame_without_a_time_is_left_out_of_the_sensitivity(tmp_path):
     time_s[[0, 4]] = np.nan
     recording, log = drifting(time_s=time_s)
     lines = write_report(
-        lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log), tmp_path, recording=recording
+        lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log),
+        tmp_path,
+        recording=recording,
     )
     assert sum(line.startswith("Sensitivity about") for line in lines) == 3
     assert (tmp_path / "angles-over-temperature.png").stat().st_size > 1000
@@ -240,17 +266,26 @@ def test_unreadable_frames_leave_a_gap(tmp_path):
         (tmp_path / f"{k:02d}.tif").write_bytes(b"not a TIFF")
     with pytest.raises(UnreadableFrame, match=r"00.tif cannot be read"):
         lb.read_recording(tmp_path)
-    measured = lb.measure(lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR)
+    measured = lb.measure(
+        lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR
+    )
     assert np.flatnonzero(np.isnan(measured.xy_px).any(axis=(1, 2))).tolist() == [0, 5]
     assert (measured.flags[5] == SpotFlag.MISSING).all()
     np.testing.assert_array_equal(measured.reference_px, measured.xy_px[1])
     assert "Shifts count from frame 1, the first that shows every spot." in measured.notes
     said = [
-        note for note in measured.notes if note.startswith("2 of 12 frames are left out as unreadable: frame 0 (00.")
+        note
+        for note in measured.notes
+        if note.startswith("2 of 12 frames are left out as unreadable: frame 0 (00.")
     ]
     assert len(said) == 1 and "frame 5 (05.tif cannot be read" in said[0]
     with pytest.raises(ValueError, match=r"spot \[1, 2, 3, 4\] is in none of 1"):
-        lb.measure(lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR, reference=1)
+        lb.measure(
+            lb.read_recording(tmp_path, on_unreadable="skip"),
+            CAMERA,
+            detector=DETECTOR,
+            reference=1,
+        )
 
 
 def test_of_many_unreadable_frames_the_first_few_are_named():
@@ -262,7 +297,9 @@ def test_of_many_unreadable_frames_the_first_few_are_named():
         return frames[k]
 
     stamp = Stamp("frame", frames.shape[1:], (0.0, 0.0), load)
-    measured = lb.measure(Recording("memory", len(frames), (stamp,), skip_unreadable=True), detector=DETECTOR, block=4)
+    measured = lb.measure(
+        Recording("memory", len(frames), (stamp,), skip_unreadable=True), detector=DETECTOR, block=4
+    )
     named = ", ".join(f"frame {k} (page {k} is torn)" for k in (6, 7, 8))
     assert f"6 of 12 frames are left out as unreadable: {named}, and 3 more." in measured.notes
 
@@ -273,7 +310,8 @@ def test_spots_that_never_show_together_give_no_reference():
         DETECTOR.expose(np.full(CAMERA.shape, 40.0), 9)[:, s] for s in np.s_[:70, 70:]
     )
     with pytest.raises(
-        ValueError, match="reference must be a frame that shows every spot; all 2 at once are in none of 12"
+        ValueError,
+        match="reference must be a frame that shows every spot; all 2 at once are in none of 12",
     ):
         lb.measure(in_memory(frames), spots=SPOTS[:2], detector=DETECTOR)
 
@@ -291,14 +329,23 @@ def test_smoothing_lowers_the_scatter_of_a_slow_drift():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"spots": [[500.0, 20.0]]}, r"spots must lie inside the 100x150 frame, got \[\[500.0, 20.0\]\]"),
+        (
+            {"spots": [[500.0, 20.0]]},
+            r"spots must lie inside the 100x150 frame, got \[\[500.0, 20.0\]\]",
+        ),
         ({"spots": [1.0, 2.0, 3.0]}, r"spots must have shape \(n, 2\), got \(3,\)"),
         ({"reference": 0}, r"reference must be a whole number from 1 to 12, got 0"),
         ({"reference": 13}, r"reference must be a whole number from 1 to 12, got 13"),
         ({"smooth": "mean"}, r"smooth must be one of 'none', 'kalman', got 'mean'"),
         ({"solver": "best"}, r"solver must be one of 'auto', 'irls', 'ls', got 'best'"),
-        ({"method": "peak"}, r"method must be one of 'eiwa', 'grey', 'weighted', 'gaussian', got 'peak'"),
-        ({"window": 201}, r"window of 201 x 201 pixels does not fit into frames of 100 x 150 pixels"),
+        (
+            {"method": "peak"},
+            r"method must be one of 'eiwa', 'grey', 'weighted', 'gaussian', got 'peak'",
+        ),
+        (
+            {"window": 201},
+            r"window of 201 x 201 pixels does not fit into frames of 100 x 150 pixels",
+        ),
         ({"n_spots": 9}, r"9"),
     ],
 )
@@ -324,7 +371,13 @@ def test_the_report_is_written_whole_with_its_sensitivity(simulated, tmp_path):
         reference=REFERENCE,
     )
     lines = write_report(measured, tmp_path, recording=recording)
-    written = {"measurement.csv", "report.json", "shifts.png", "angles.png", "angles-over-temperature.png"}
+    written = {
+        "measurement.csv",
+        "report.json",
+        "shifts.png",
+        "angles.png",
+        "angles-over-temperature.png",
+    }
     assert {path.name for path in tmp_path.iterdir()} == written
     said = [line for line in lines if "arcsec/degC" in line]
     fits = json.loads((tmp_path / "report.json").read_text())["sensitivity"]
@@ -359,7 +412,9 @@ def test_a_template_keeps_its_width_from_block_to_block():
     frames = frames_of(SPOTS, n=24)
     wider = lb.render_spots(SPOTS, 2e5, 2.6, CAMERA.shape) + 40.0
     frames[12:] = DETECTOR.expose(np.broadcast_to(wider, (12, *CAMERA.shape)), 6)
-    in_blocks = lb.measure(in_memory(frames), spots=SPOTS, block=4, method="weighted", window=13, detector=DETECTOR)
+    in_blocks = lb.measure(
+        in_memory(frames), spots=SPOTS, block=4, method="weighted", window=13, detector=DETECTOR
+    )
     options = {"method": "weighted", "window": 13, "noise": DETECTOR, "centre": "peak"}
     width = lb.centroid(frames[:4], SPOTS, **options).width_px
     kept = lb.centroid(frames[20:], SPOTS, sigma=width, **options)

@@ -59,7 +59,9 @@ def test_a_truncated_image_is_named_and_stops_or_is_skipped(tmp_path, suffix):
     folder = images(tmp_path / "frames", FRAMES, suffix)
     broken = folder / f"frame-3{suffix}"
     broken.write_bytes(broken.read_bytes()[:200])
-    with pytest.raises(UnreadableFrame, match=rf"frame-3\{suffix} cannot be read: not an image, or cut short"):
+    with pytest.raises(
+        UnreadableFrame, match=rf"frame-3\{suffix} cannot be read: not an image, or cut short"
+    ):
         every_frame(lb.read_recording(folder))
     stack, good = every_frame(lb.read_recording(folder, on_unreadable="skip"))
     assert not good[3] and good.sum() == len(FRAMES) - 1
@@ -78,20 +80,30 @@ def test_a_colour_image_is_refused(tmp_path):
     folder = tmp_path / "colour"
     folder.mkdir()
     cv2.imwrite(str(folder / "a.png"), np.zeros((8, 8, 3), np.uint8))
-    with pytest.raises(ValueError, match=r"a.png must be one grey image \(rows, cols\), got 3 colour channels"):
+    with pytest.raises(
+        ValueError, match=r"a.png must be one grey image \(rows, cols\), got 3 colour channels"
+    ):
         lb.read_recording(folder)
 
 
 def test_what_is_no_recording_is_refused_by_name(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no recording at .*nowhere: expected a folder of frames"):
+    with pytest.raises(
+        FileNotFoundError, match="no recording at .*nowhere: expected a folder of frames"
+    ):
         lb.read_recording(tmp_path / "nowhere")
     (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(ValueError, match=r"holds no frames: expected PNG, TIFF or FITS files, got 1 other files"):
+    with pytest.raises(
+        ValueError, match=r"holds no frames: expected PNG, TIFF or FITS files, got 1 other files"
+    ):
         lb.read_recording(tmp_path)
-    with pytest.raises(ValueError, match=r"notes.txt is no recording: expected .tif, .npy, .npz or .fits"):
+    with pytest.raises(
+        ValueError, match=r"notes.txt is no recording: expected .tif, .npy, .npz or .fits"
+    ):
         lb.read_recording(tmp_path / "notes.txt")
     np.save(tmp_path / "flat.npy", FRAMES[0])
-    with pytest.raises(ValueError, match=r"flat.npy must hold a stack \(frames, rows, cols\), got shape \(20, 30\)"):
+    with pytest.raises(
+        ValueError, match=r"flat.npy must hold a stack \(frames, rows, cols\), got shape \(20, 30\)"
+    ):
         lb.read_recording(tmp_path / "flat.npy")
     np.save(tmp_path / "empty.npy", FRAMES[:0])
     with pytest.raises(ValueError, match=r"empty.npy holds no frames"):
@@ -121,7 +133,9 @@ def test_a_multi_page_tiff_cut_in_half_is_named_or_ends_early(tmp_path):
         lb.read_recording(path)
     kept = lb.read_recording(path, on_unreadable="skip")
     assert 0 < kept.n_frames < len(FRAMES)
-    assert kept.notes == (f"pages.tif is cut short after page {kept.n_frames}: what came after is lost.",)
+    assert kept.notes == (
+        f"pages.tif is cut short after page {kept.n_frames}: what came after is lost.",
+    )
     path.write_bytes(whole)
     assert lb.read_recording(path, on_unreadable="skip").notes == ()
 
@@ -141,7 +155,13 @@ def test_a_gap_in_the_numbers_of_the_names_is_told_unless_times_are_given(tmp_pa
 
 @pytest.mark.parametrize(
     "names",
-    [["10", "20", "30"], ["a-1000", "a-1005", "a-1011"], ["3-1", "4-7", "9-9"], ["x", "y", "z"], ["1", "b", "2-2"]],
+    [
+        ["10", "20", "30"],
+        ["a-1000", "a-1005", "a-1011"],
+        ["3-1", "4-7", "9-9"],
+        ["x", "y", "z"],
+        ["1", "b", "2-2"],
+    ],
 )
 def test_numbers_that_do_not_count_frames_have_no_gap(tmp_path, names):
     for name in names:
@@ -197,17 +217,28 @@ def test_the_date_may_stand_in_the_primary_header(tmp_path):
 
 
 def test_a_file_without_a_time_is_named(tmp_path):
-    headers = [{}, {"DATE-OBS": "2026-03-01T12:00:05"}, {"DATE-OBS": "2026-03-01"}, {"DATE-OBS": "2026-03-01T12:00:15"}]
+    headers = [
+        {},
+        {"DATE-OBS": "2026-03-01T12:00:05"},
+        {"DATE-OBS": "2026-03-01"},
+        {"DATE-OBS": "2026-03-01T12:00:15"},
+    ]
     recording = lb.read_recording(fits_folder(tmp_path, headers))
     np.testing.assert_array_equal(recording.times.seconds, [np.nan, 0, np.nan, 10])
-    said = "2 of 4 files have no DATE-OBS with a time of day, first 0.fits: their times are unknown."
+    said = (
+        "2 of 4 files have no DATE-OBS with a time of day, first 0.fits: their times are unknown."
+    )
     assert recording.notes == (said,)
     assert lb.read_recording(tmp_path, period_s=1.0).notes == ()
 
 
 def test_times_of_fits_files_must_increase_unless_others_are_given(tmp_path):
-    folder = fits_folder(tmp_path, [{"DATE-OBS": f"2026-03-01T12:00:{s}"} for s in ("10", "05", "20")])
-    with pytest.raises(ValueError, match="DATE-OBS of .* must hold increasing times, one for each frame in order"):
+    folder = fits_folder(
+        tmp_path, [{"DATE-OBS": f"2026-03-01T12:00:{s}"} for s in ("10", "05", "20")]
+    )
+    with pytest.raises(
+        ValueError, match="DATE-OBS of .* must hold increasing times, one for each frame in order"
+    ):
         lb.read_recording(folder)
     assert lb.read_recording(folder, period_s=2.0).times.seconds.tolist() == [0, 2, 4]
 
@@ -232,12 +263,18 @@ def test_alike_images_of_one_fits_file_are_frames_and_others_are_told(tmp_path):
     np.testing.assert_array_equal(every_frame(recording)[0], FRAMES[:4])
     assert recording.times.seconds.tolist() == [0, 1, 2, 3]
     assert recording.notes == ("The 4 images of alike.fits are taken as frames.",)
-    fits.HDUList([fits.PrimaryHDU(FRAMES[0]), fits.ImageHDU(FRAMES[0, :5])]).writeto(tmp_path / "mixed.fits")
+    fits.HDUList([fits.PrimaryHDU(FRAMES[0]), fits.ImageHDU(FRAMES[0, :5])]).writeto(
+        tmp_path / "mixed.fits"
+    )
     mixed = lb.read_recording(tmp_path / "mixed.fits")
-    assert mixed.n_frames == 1 and mixed.notes == ("mixed.fits holds 2 images: only the first is measured.",)
+    assert mixed.n_frames == 1 and mixed.notes == (
+        "mixed.fits holds 2 images: only the first is measured.",
+    )
     fits.HDUList([fits.PrimaryHDU(FRAMES), fits.ImageHDU(FRAMES)]).writeto(tmp_path / "cubes.fits")
     cubes = lb.read_recording(tmp_path / "cubes.fits")
-    assert cubes.n_frames == 12 and cubes.notes == ("cubes.fits holds 2 images: only the first is measured.",)
+    assert cubes.n_frames == 12 and cubes.notes == (
+        "cubes.fits holds 2 images: only the first is measured.",
+    )
 
 
 def test_a_fits_cube_may_tell_its_times(tmp_path):

@@ -1,4 +1,6 @@
-"""The exercises: reference solutions are right for every seed, wrong answers never are, and nothing is given away."""
+"""The exercises: reference solutions are right for every seed, wrong answers never are, and nothing
+is given away.
+"""
 
 import json
 import warnings
@@ -10,7 +12,9 @@ import losbench as lb
 from losbench.resources import notebook_folder
 from losbench.workbench.exercises import Exercises, student_copy
 
-SOLUTIONS = json.loads((notebook_folder() / "solutions" / "21-solutions.ipynb").read_text(encoding="utf-8"))
+SOLUTIONS = json.loads(
+    (notebook_folder() / "solutions" / "21-solutions.ipynb").read_text(encoding="utf-8")
+)
 STUDENTS = json.loads((notebook_folder() / "21-exercises.ipynb").read_text(encoding="utf-8"))
 COUNT = 14
 
@@ -85,7 +89,9 @@ def wrong_answers(check):
         yield 6, 0, "Swap"
         yield 6, 1, "Swap"
         survived = lb.design_breakdown(
-            lb.design_matrix(np.column_stack([d[7].u, d[7].v, np.ones_like(d[7].u)]), model="paper"),
+            lb.design_matrix(
+                np.column_stack([d[7].u, d[7].v, np.ones_like(d[7].u)]), model="paper"
+            ),
             group=np.repeat(np.arange(len(d[7].u)), 2),
         )
         yield 7, (survived.monotone, 0), "other number is right. Any estimate"
@@ -133,8 +139,24 @@ def test_right_answers_may_come_in_any_form(seed):
         (1, np.round(lb.irls(d[1].A, d[1].y).x, 3)),
         (3, [np.median(np.abs(d[3].residuals)) / 0.6745]),
         *((4, c + change) for change in (-0.003, 0.003)),
-        *((9, form) for form in (bad, bad.tolist(), set(np.flatnonzero(bad)), np.where(bad), np.argwhere(bad))),
-        *((14, form) for form in (track.bad, np.nonzero(track.bad), set(zip(*np.nonzero(track.bad), strict=True)))),
+        *(
+            (9, form)
+            for form in (
+                bad,
+                bad.tolist(),
+                set(np.flatnonzero(bad)),
+                np.where(bad),
+                np.argwhere(bad),
+            )
+        ),
+        *(
+            (14, form)
+            for form in (
+                track.bad,
+                np.nonzero(track.bad),
+                set(zip(*np.nonzero(track.bad), strict=True)),
+            )
+        ),
     ]:
         assert getattr(check, f"ex{number:02d}")(answer).right, (number, answer)
 
@@ -143,7 +165,11 @@ def test_the_lab_s_tools_name_the_bad_rows_for_any_seed():
     for seed in range(60):
         check = Exercises(seed=seed)
         d = check.data(9)
-        for doubted in (lb.lts(d.A, d.y).weights == 0, lb.mm(d.A, d.y).weights == 0, lb.mm(d.A, d.y).outliers()):
+        for doubted in (
+            lb.lts(d.A, d.y).weights == 0,
+            lb.mm(d.A, d.y).weights == 0,
+            lb.mm(d.A, d.y).outliers(),
+        ):
             assert check.ex09(np.flatnonzero(doubted)).right, seed
         everything = check.ex09(range(20))
         assert not everything.right

@@ -1,4 +1,6 @@
-"""Explorers without a browser: every extreme, every message, and the same picture however one gets there."""
+"""Explorers without a browser: every extreme, every message, and the same picture however one gets
+there.
+"""
 
 import contextlib
 import gc
@@ -28,9 +30,23 @@ from losbench.workbench.explorers import (
     lab,
 )
 from losbench.workbench.explorers.centroid import _scene
-from losbench.workbench.explorers.controls import Choice, Field, LogSlider, Slider, numbers, whole_number
+from losbench.workbench.explorers.controls import (
+    Choice,
+    Field,
+    LogSlider,
+    Slider,
+    numbers,
+    whole_number,
+)
 
-EXPLORERS = [CentroidExplorer, InertialExplorer, IRLSExplorer, MonteCarloExplorer, StarCameraExplorer, ThermalExplorer]
+EXPLORERS = [
+    CentroidExplorer,
+    InertialExplorer,
+    IRLSExplorer,
+    MonteCarloExplorer,
+    StarCameraExplorer,
+    ThermalExplorer,
+]
 ALL = [*EXPLORERS, *(getattr(lab, name) for name in lab.__all__)]
 DEJAVU = FontProperties(family="DejaVu Sans")
 EXPECTED_NOTES = (
@@ -71,7 +87,9 @@ def described(explorer):
 
 
 def assert_well(explorer):
-    """The picture has its size and something in it, and no note but those that belong to robust fits."""
+    """The picture has its size and something in it, and no note but those that belong to robust
+    fits.
+    """
     notes = explorer.message.value.replace("</div>", "\n").splitlines()
     assert all(any(expected in note for expected in EXPECTED_NOTES) for note in notes), notes
     picture = pixels(explorer)
@@ -103,9 +121,18 @@ def test_every_extreme_of_every_control_gives_a_picture(explorer):
 
 def test_corners_of_all_controls_at_once_give_a_picture(explorer):
     rng = np.random.default_rng(3)
-    ranges = {name: extremes(control) for name, control in explorer.controls.items() if extremes(control)}
-    for pick in ([0] * len(ranges), [-1] * len(ranges), *rng.integers(0, 2, (8, len(ranges))).tolist()):
-        put(explorer, **{name: values[k] for k, (name, values) in zip(pick, ranges.items(), strict=True)})
+    ranges = {
+        name: extremes(control) for name, control in explorer.controls.items() if extremes(control)
+    }
+    for pick in (
+        [0] * len(ranges),
+        [-1] * len(ranges),
+        *rng.integers(0, 2, (8, len(ranges))).tolist(),
+    ):
+        put(
+            explorer,
+            **{name: values[k] for k, (name, values) in zip(pick, ranges.items(), strict=True)},
+        )
         assert_well(explorer)
 
 
@@ -130,21 +157,35 @@ def test_new_noise_is_another_picture_and_reset_the_first(explorer):
 
 
 def test_a_preset_is_the_same_whatever_came_before(kind):
-    name, control = next((n, c) for n, c in kind.controls.items() if isinstance(c, Slider | LogSlider))
+    name, control = next(
+        (n, c) for n, c in kind.controls.items() if isinstance(c, Slider | LogSlider)
+    )
     with contextlib.closing(kind(**{name: control.low})) as explorer:
         for preset, values in kind.presets.items():
             explorer.new_noise()
             before = set(_instances)
             explorer.preset(preset)
             assert set(_instances) == before
-            expected = {each: control.value for each, control in kind.controls.items()} | {name: control.low} | values
+            expected = (
+                {each: control.value for each, control in kind.controls.items()}
+                | {name: control.low}
+                | values
+            )
             assert explorer.settings == expected
 
 
 RESULT = {
     CentroidExplorer: lambda n: (n["found"].xy[0, 0] - n["truth"], ".2f", "error of this frame"),
-    InertialExplorer: lambda n: ([np.linalg.norm(n["found"].xy - n["star"].end)], ".4f", "error, iterative, above 2 %"),
-    IRLSExplorer: lambda n: (np.sqrt(np.mean(n["fit"].angles_arcsec ** 2, axis=0)), ".3g", "IRLS: RMS error"),
+    InertialExplorer: lambda n: (
+        [np.linalg.norm(n["found"].xy - n["star"].end)],
+        ".4f",
+        "error, iterative, above 2 %",
+    ),
+    IRLSExplorer: lambda n: (
+        np.sqrt(np.mean(n["fit"].angles_arcsec ** 2, axis=0)),
+        ".3g",
+        "IRLS: RMS error",
+    ),
     MonteCarloExplorer: lambda n: (n["run"].sigma_arcsec[0], ".3g", "RMS"),
     StarCameraExplorer: lambda n: (n["shown"], ".3f", "LSFE · NEA unbiased, raw"),
     ThermalExplorer: lambda n: (n["fit"].k_arcsec_per_degC, ".3f", "sensitivity, IRLS"),
@@ -175,17 +216,29 @@ def test_two_spots_and_one_frame_say_why_nothing_changes():
     with contextlib.closing(IRLSExplorer()) as explorer:
         explorer.preset("as in the paper")
         assert "no outlier can be identified" in explorer.message.value
-        assert float(explorer.numbers.value.split("largest difference")[1].split("<br>")[1].split(" ")[0]) < 1e-9
+        assert (
+            float(
+                explorer.numbers.value.split("largest difference")[1].split("<br>")[1].split(" ")[0]
+            )
+            < 1e-9
+        )
         put(explorer, n_frames=10)
         assert "no outlier can be identified" not in explorer.message.value
 
 
 def test_nonsense_in_a_field_is_a_message_and_changes_nothing_else(explorer):
     def shown():
-        return explorer.image.value, explorer.stated, explorer.numbers.value, explorer.copy_as_code.value
+        return (
+            explorer.image.value,
+            explorer.stated,
+            explorer.numbers.value,
+            explorer.copy_as_code.value,
+        )
 
     before = shown()
-    fields = {name: control for name, control in explorer.controls.items() if isinstance(control, Field)}
+    fields = {
+        name: control for name, control in explorer.controls.items() if isinstance(control, Field)
+    }
     for (name, control), nonsense in itertools.product(fields.items(), NONSENSE):
         explorer.inputs[name].value = nonsense
         assert f"{control.label} must be" in explorer.message.value
@@ -266,7 +319,9 @@ def test_running_a_cell_again_closes_what_its_earlier_run_made(kind, monkeypatch
 
 
 def test_settings_to_begin_with(kind):
-    name, control = next((n, c) for n, c in kind.controls.items() if isinstance(c, Slider | LogSlider))
+    name, control = next(
+        (n, c) for n, c in kind.controls.items() if isinstance(c, Slider | LogSlider)
+    )
     with contextlib.closing(kind(**{name: control.low})) as explorer:
         first = explorer.image.value
         explorer.new_noise()
@@ -302,7 +357,9 @@ def test_parsers_of_fields():
 
 
 def test_a_choice_never_offers_none_which_a_list_shows_as_nothing():
-    with pytest.raises(ValueError, match="weight must not offer None, which a list shows as nothing selected"):
+    with pytest.raises(
+        ValueError, match="weight must not offer None, which a list shows as nothing selected"
+    ):
         Choice("weight", {"spot": "spot", "coordinate": None}, "spot")
     for kind in ALL:
         with contextlib.closing(kind()) as explorer:
@@ -333,7 +390,9 @@ def test_a_log_slider_shows_its_value_where_nobody_can_type():
 
 
 def test_labels_are_short_enough_for_their_place():
-    """Measured in DejaVu Sans of 13 px, wider than the fonts of most pages; the place is 195 px wide."""
+    """Measured in DejaVu Sans of 13 px, wider than the fonts of most pages; the place is 195 px
+    wide.
+    """
     for kind in ALL:
         for control in kind.controls.values():
             unit = getattr(control, "unit", "")
@@ -342,7 +401,9 @@ def test_labels_are_short_enough_for_their_place():
 
 
 def test_a_gradient_never_goes_below_zero():
-    _, light = _scene(flux_e=1e5, read_noise_e=0.0, background_e=0.0, gradient_e=10.0, diameter_px=4.0, hot_e=0)
+    _, light = _scene(
+        flux_e=1e5, read_noise_e=0.0, background_e=0.0, gradient_e=10.0, diameter_px=4.0, hot_e=0
+    )
     far_off = light(np.array([-500.0, -500.0]))
     assert far_off.min() >= 0.0
     assert np.allclose(np.diff(far_off, axis=-1), 10.0)
@@ -354,9 +415,13 @@ def test_code_has_room_for_lines_that_wrap():
     for kind in ALL:
         with contextlib.closing(kind()) as explorer:
             lines = explorer.copy_as_code.value.split("\n")
-            assert explorer.copy_as_code.rows == sum(-(-max(len(line), 1) // base._LINE) for line in lines)
+            assert explorer.copy_as_code.rows == sum(
+                -(-max(len(line), 1) // base._LINE) for line in lines
+            )
 
 
 def test_a_choice_that_is_not_offered_is_named():
-    with pytest.raises(ValueError, match=r"rows of A must be one of 'paper', 'pinhole', got 'exact'"):
+    with pytest.raises(
+        ValueError, match=r"rows of A must be one of 'paper', 'pinhole', got 'exact'"
+    ):
         MonteCarloExplorer(model="exact")

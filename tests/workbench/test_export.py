@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from fontTools.ttLib import TTFont
 
-from losbench.workbench.export import formula_to_mathml, notebook_to_html
-from losbench.workbench.mathfont import math_font
+from losbench.workbench.reproduction.export import formula_to_mathml, notebook_to_html
+from losbench.workbench.reproduction.mathfont import math_font
 
 
 @pytest.mark.parametrize(
@@ -46,11 +46,17 @@ def test_bold_and_primes_are_the_same_however_they_are_typed():
 
 def test_words_stand_left_and_numbers_right_their_headings_with_them():
     table = pd.DataFrame(
-        {"error (px)": [0.1, np.nan], "bound": ["−3 ± 0.5", "<1e-3"], "verdict": ["differs", "12 of 13"]},
+        {
+            "error (px)": [0.1, np.nan],
+            "bound": ["−3 ± 0.5", "<1e-3"],
+            "verdict": ["differs", "12 of 13"],
+        },
         index=pd.MultiIndex.from_tuples([("A", 1), ("A", 2)], names=["spot", "run"]),
     )
     output = nbformat.v4.new_output("display_data", {"text/html": table.to_html()}, metadata={})
-    page = notebook_to_html(nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("t", outputs=[output])]), "1")
+    page = notebook_to_html(
+        nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("t", outputs=[output])]), "1"
+    )
     words = re.findall(r'class="words"[^>]*>([^<]*)<', page)
     assert sorted(filter(None, words)) == ["12 of 13", "A", "differs", "spot", "verdict"]
 
@@ -70,7 +76,9 @@ def test_a_page_is_whole_without_a_network():
     png = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
     notebook = nbformat.v4.new_notebook()
     notebook.cells = [
-        nbformat.v4.new_markdown_cell("# Fig. 1\n\nInline $a < b$, see [02](02-irls.ipynb), and\n\n$$c^2$$"),
+        nbformat.v4.new_markdown_cell(
+            "# Fig. 1\n\nInline $a < b$, see [02](02-irls.ipynb), and\n\n$$c^2$$"
+        ),
         nbformat.v4.new_code_cell(
             "fig", outputs=[nbformat.v4.new_output("display_data", {"image/png": png}, metadata={})]
         ),
@@ -87,7 +95,9 @@ def test_the_font_of_formulas_knows_how_to_stretch_a_bracket():
     kind, _, content = math_font().partition(",")
     assert kind == "data:font/woff;base64"
     table = TTFont(io.BytesIO(base64.b64decode(content)))["MATH"].table
-    assert {"parenleft", "bracketleft", "braceleft", "radical"} <= set(table.MathVariants.VertGlyphCoverage.glyphs)
+    assert {"parenleft", "bracketleft", "braceleft", "radical"} <= set(
+        table.MathVariants.VertGlyphCoverage.glyphs
+    )
     assert table.MathConstants.SubscriptShiftDown.Value > 0
 
 

@@ -1,4 +1,6 @@
-"""The nine scenes of the robust lab without a browser: every extreme, code that gives the numbers, and the lesson."""
+"""The nine scenes of the robust lab without a browser: every extreme, code that gives the numbers,
+and the lesson.
+"""
 
 import contextlib
 import gc
@@ -78,9 +80,18 @@ def test_every_extreme_and_every_preset_gives_a_picture(scene):
 
 def test_corners_of_all_controls_at_once_give_a_picture(scene):
     rng = np.random.default_rng(3)
-    ranges = {name: extremes(control) for name, control in scene.controls.items() if extremes(control)}
-    for pick in ([0] * len(ranges), [-1] * len(ranges), *rng.integers(0, 2, (5, len(ranges))).tolist()):
-        put(scene, **{name: values[k] for k, (name, values) in zip(pick, ranges.items(), strict=True)})
+    ranges = {
+        name: extremes(control) for name, control in scene.controls.items() if extremes(control)
+    }
+    for pick in (
+        [0] * len(ranges),
+        [-1] * len(ranges),
+        *rng.integers(0, 2, (5, len(ranges))).tolist(),
+    ):
+        put(
+            scene,
+            **{name: values[k] for k, (name, values) in zip(pick, ranges.items(), strict=True)},
+        )
         assert_well(scene)
 
 
@@ -157,7 +168,9 @@ def test_the_code_runs_and_gives_the_numbers_shown(kind, scene):
         if kind is lab.Masking:
             single, robust = (re.findall(r"\d+", part) for part in re.findall(r"\[(.*?)\]", text))
             for name, rows in (("one by one", single), ("against MM", robust)):
-                bad, accused = (numbers[f"{what}, {name}"] for what in ("bad ones found", "good ones accused"))
+                bad, accused = (
+                    numbers[f"{what}, {name}"] for what in ("bad ones found", "good ones accused")
+                )
                 assert len(rows) == int(bad.split()[0]) + int(accused)
         elif kind is lab.ScaleIsTheHero:
             for line, name in zip(text.splitlines(), ("std", "MAD", "known"), strict=True):
@@ -207,7 +220,9 @@ def test_breakdown_mm_survives_nine_of_twenty():
 
 
 def test_scale_a_standard_deviation_never_lets_go():
-    numbers = {name: value.split(" · ") for name, value in lesson(lab.ScaleIsTheHero, off=1000.0).items()}
+    numbers = {
+        name: value.split(" · ") for name, value in lesson(lab.ScaleIsTheHero, off=1000.0).items()
+    }
     assert float(numbers["std: weight · error"][0]) > 0.3
     assert float(numbers["MAD: weight · error"][0]) < 0.01
     assert float(numbers["MAD: weight · error"][1]) < 1.0
@@ -244,7 +259,9 @@ def test_acts_the_last_keeps_the_scale_and_gains_precision():
     assert first["scale, frozen since act 1"] == last["scale, frozen since act 1"]
     error = [float(text["slope"].split("± ")[1]) for text in (first, last)]
     assert error[1] < error[0]
-    weight = [float(NUMBER.search(text["weight of all good points"]).group()) for text in (first, last)]
+    weight = [
+        float(NUMBER.search(text["weight of all good points"]).group()) for text in (first, last)
+    ]
     assert weight[1] > weight[0] + 0.05
 
 

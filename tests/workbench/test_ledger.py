@@ -6,7 +6,7 @@ import io
 import pytest
 
 import losbench as lb
-from losbench.workbench import claims as module
+from losbench.workbench.ledger import claims as module
 
 CLAIMS = """id,paper,where,quantity,relation,claimed,unit,note
 a-1,p,Tab. 1,two digits,=,0.10,px,
@@ -45,7 +45,9 @@ def claims(tmp_path, monkeypatch):
         ("a-6", 22.46, 0.0, "reproduced"),
     ],
 )
-def test_a_value_is_judged_by_three_sigma_and_the_rounding_of_the_print(claims, claim, ours, sigma, verdict):
+def test_a_value_is_judged_by_three_sigma_and_the_rounding_of_the_print(
+    claims, claim, ours, sigma, verdict
+):
     assert lb.Ledger(claims).judge(claim, ours, uncertainty=sigma).verdict == verdict
 
 
@@ -77,10 +79,19 @@ def test_impossible_needs_a_bound_that_leaves_no_room(claims, claim, bound, impo
     [
         (lambda ledger: ledger.judge("a-9", 1.0), "no claim 'a-9'; ids run from a-1 to a-6"),
         (lambda ledger: ledger.judge("a-1", float("nan")), "ours must be a finite number, got nan"),
-        (lambda ledger: ledger.judge("a-1", 1.0, uncertainty=-1.0), "uncertainty must be a finite number"),
+        (
+            lambda ledger: ledger.judge("a-1", 1.0, uncertainty=-1.0),
+            "uncertainty must be a finite number",
+        ),
         (lambda ledger: ledger.judge("a-5", 1.0), "ours must be True or False, got 1.0"),
-        (lambda ledger: ledger.impossible("a-1", proof="none"), "a-1 is a number: give at_least or at_most"),
-        (lambda ledger: ledger.impossible("a-5", proof="none", at_most=1), "a-5 is no number: give contradiction"),
+        (
+            lambda ledger: ledger.impossible("a-1", proof="none"),
+            "a-1 is a number: give at_least or at_most",
+        ),
+        (
+            lambda ledger: ledger.impossible("a-5", proof="none", at_most=1),
+            "a-5 is no number: give contradiction",
+        ),
     ],
 )
 def test_a_wrong_entry_is_refused_by_name(claims, call, message):
@@ -110,7 +121,11 @@ def test_parts_join_into_one_table_that_does_not_see_rounding_noise(claims):
     assert texts[0] == texts[1]
     rows = list(csv.DictReader(io.StringIO(texts[0])))
     assert tuple(rows[0]) == module.COLUMNS
-    assert [row["verdict"] for row in rows] == [*("reproduced", "calibrated"), *["pending"] * 3, "untestable"]
+    assert [row["verdict"] for row in rows] == [
+        *("reproduced", "calibrated"),
+        *["pending"] * 3,
+        "untestable",
+    ]
     assert rows[0]["ours"] == "0.1"
     assert rows[0]["evidence"] == "Notebook 03. 5000 trials"
     page = joined.to_html(["03-first"])
@@ -138,6 +153,10 @@ def test_the_shipped_claims_are_complete():
     assert len(claims) == 96
     for claim in claims:
         assert claim.relation in {"=", "~", "<=", ">=", "is"}
-        assert claim.claimed == "true" if claim.relation == "is" else claim.interval[0] < claim.interval[1]
+        assert (
+            claim.claimed == "true"
+            if claim.relation == "is"
+            else claim.interval[0] < claim.interval[1]
+        )
     assert set(module.accepted_verdicts()) == {claim.id for claim in claims}
     assert set(module.accepted_verdicts().values()) <= set(module.VERDICTS)

@@ -1,4 +1,6 @@
-"""The runner on a handful of small notebooks: what it makes, what it names, what it leaves alone."""
+"""The runner on a handful of small notebooks: what it makes, what it names, what it leaves
+alone.
+"""
 
 import csv
 import json
@@ -8,7 +10,7 @@ import nbformat
 import pytest
 
 from losbench.resources import data_file as real
-from losbench.workbench.reproduce import reproduce
+from losbench.workbench.reproduction.reproduce import reproduce
 
 DRAW = """
 import matplotlib.pyplot as plt
@@ -29,9 +31,13 @@ ledger.save("{number}")
 
 def write(folder, name, *cells):
     """Write a notebook whose cells have the ids cell-0, cell-1, ..."""
-    new = nbformat.v4.new_notebook(metadata={"kernelspec": {"name": "python3", "display_name": "Python 3"}})
+    new = nbformat.v4.new_notebook(
+        metadata={"kernelspec": {"name": "python3", "display_name": "Python 3"}}
+    )
     new.cells = [nbformat.v4.new_markdown_cell(f"# Title of {name}\n\n$x^2$", id="title")]
-    new.cells += [nbformat.v4.new_code_cell(source, id=f"cell-{i}") for i, source in enumerate(cells)]
+    new.cells += [
+        nbformat.v4.new_code_cell(source, id=f"cell-{i}") for i, source in enumerate(cells)
+    ]
     folder.mkdir(exist_ok=True)
     nbformat.write(new, folder / f"{name}.ipynb")
 
@@ -45,12 +51,18 @@ def notebooks(tmp_path):
 
 def contents(build, *folders):
     return {
-        p.relative_to(build): p.read_bytes() for f in folders for p in sorted((build / f).rglob("*")) if p.is_file()
+        p.relative_to(build): p.read_bytes()
+        for f in folders
+        for p in sorted((build / f).rglob("*"))
+        if p.is_file()
     }
 
 
 def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, monkeypatch):
-    monkeypatch.setattr("losbench.workbench.reproduce._common_inputs", lambda: b"as long as nobody edits the library")
+    monkeypatch.setattr(
+        "losbench.workbench.reproduction.reproduce._common_inputs",
+        lambda: b"as long as nobody edits the library",
+    )
     notebooks = tmp_path / "note books"
     write(notebooks, "01-draw", DRAW.format(1), JUDGE.format(value=4.2278, number="01"))
     write(notebooks, "90-end", "import losbench as lb\nlen(lb.Ledger.collect().findings)")
@@ -74,7 +86,9 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
     assert [cell.id for cell in executed.cells] == ["title", "cell-0"]
     assert "timing" not in json.dumps(executed.metadata)
     assert "Title of 01-draw" in (first / "html" / "index.html").read_text()
-    assert f"begin with {first / 'html' / 'index.html'}." in result.summary().replace(str(second), str(first))
+    assert f"begin with {first / 'html' / 'index.html'}." in result.summary().replace(
+        str(second), str(first)
+    )
     for file in (first / "ledger.html", *(first / "html").iterdir()):
         for link in re.findall(r'(?:href|src)="([^"#:]+)"', file.read_text()):
             assert (file.parent / link).is_file(), (file.name, link)
@@ -93,14 +107,20 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
 
 def test_a_failing_cell_is_named_and_the_others_finish(notebooks, tmp_path):
     save = (
-        "from losbench.resources import build_folder, write_whole\nwrite_whole(build_folder() / 'tables' / 'a.csv', '')"
+        "from losbench.resources import build_folder, write_whole\nwrite_whole(build_folder() / "
+        "'tables' / 'a.csv', '')"
     )
     write(notebooks, "02-broken", save, "ledger = None\nledger.judge()")
     build = tmp_path / "build"
     result = reproduce(["01", "02"], out=build, notebooks=notebooks, quiet=True)
     assert not result.ok
-    assert {run.notebook: bool(run.error) for run in result.runs} == {"01-judge": False, "02-broken": True}
-    assert "02-broken.ipynb, cell 'cell-1' (number 3): AttributeError: 'NoneType'" in result.summary()
+    assert {run.notebook: bool(run.error) for run in result.runs} == {
+        "01-judge": False,
+        "02-broken": True,
+    }
+    assert (
+        "02-broken.ipynb, cell 'cell-1' (number 3): AttributeError: 'NoneType'" in result.summary()
+    )
     assert not contents(build, "tables")
 
 
@@ -119,13 +139,16 @@ def test_a_verdict_other_than_the_accepted_one_fails_the_run(notebooks, tmp_path
     accepted = tmp_path / "verdicts.csv"
     accepted.write_text("id,verdict\nirls-13,differs\n")
     monkeypatch.setattr(
-        "losbench.workbench.claims.data_file", lambda name: accepted if name == accepted.name else real(name)
+        "losbench.workbench.ledger.claims.data_file",
+        lambda name: accepted if name == accepted.name else real(name),
     )
     result = reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, quiet=True)
     assert not result.ok
     assert "irls-13: accepted differs, found reproduced" in result.summary()
     (tmp_path / "build" / "ledger" / "01.json").unlink()
-    again = reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, accept_verdicts=True, quiet=True)
+    again = reproduce(
+        ["01"], out=tmp_path / "build", notebooks=notebooks, accept_verdicts=True, quiet=True
+    )
     assert again.ok
     assert not again.runs[0].reused
     assert accepted.read_text() == "id,verdict\nirls-13,reproduced\n"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from losbench.workbench.smallsystems import METHODS, ring_errors, stacked_errors
+from losbench.workbench.explorers.lab.smallsystems import METHODS, ring_errors, stacked_errors
 
 RING = {4: (17.7, 13.2, 8.5, 0.985, 0.89), 8: (8.84, 4.37, 0.47, 0.46, 0.44)}
 STACKED = {3: (17.0, 7.2, 0.56), 10: (10.0, 3.2, 0.31)}

@@ -6,8 +6,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats
 from losbench.checks import integer, number
 from losbench.estimation.highbreakdown.mscale import MScale
 from losbench.estimation.highbreakdown.search import (
@@ -30,7 +31,6 @@ from losbench.estimation.robust.scales import ScaleRule
 
 __all__ = ["mm"]
 
-Floats = NDArray[np.float64]
 
 _BEST = 5
 _STEPS = 100
@@ -49,7 +49,8 @@ def mm(
     rng: Random = None,
     on_fail: str = "warn",
 ) -> RobustFit:
-    """Solve A x = y by an MM-estimate: breakdown of one half, and the efficiency of choice, for one system or a batch.
+    """Solve A x = y by an MM-estimate: breakdown of one half, and the efficiency of choice, for one
+    system or a batch.
 
     Parameters
     ----------
@@ -64,8 +65,8 @@ def mm(
     scale : float or (...) array, unit of y, optional
         Standard deviation of a good row, if known; that of the S-estimate otherwise.
     starts : int, optional
-        Random starts, where there are more than 1000 subsets; 500 unless given, and more, up to 5000, from 14 unknowns
-        on. The notes of `lts` say what they are good for.
+        Random starts, where there are more than 1000 subsets; 500 unless given, and more, up to
+        5000, from 14 unknowns on. The notes of `lts` say what they are good for.
     rng : Generator or int, optional
         Source of the random starts; the same ones every time unless given.
     on_fail : "warn", "raise" or "ignore"
@@ -74,20 +75,23 @@ def mm(
     Returns
     -------
     RobustFit
-        ``scale`` is the frozen one. ``cov`` is, with R's kappa as in `irls`, kappa^2 sum psi^2 / (n - p) / m^2 times
-        mean(w) (A'WA)^-1, so that rows that were thrown out lend it no leverage; at a known scale as that of `irls`.
+        ``scale`` is the frozen one. ``cov`` is, with R's kappa as in `irls`, kappa^2 sum psi^2 / (n
+        - p) / m^2 times mean(w) (A'WA)^-1, so that rows that were thrown out lend it no leverage;
+        at a known scale as that of `irls`.
 
     Raises
     ------
     ValueError
-        If shapes disagree, n < p, a value is NaN or infinite, or the efficiency is not one the bisquare can have.
+        If shapes disagree, n < p, a value is NaN or infinite, or the efficiency is not one the
+        bisquare can have.
 
     Notes
     -----
-    Yohai, Ann. Statist. 15, 642 (1987), in three acts: (1) the S-estimate, the fit whose scale s, the solution of
-    sum rho(r / s) = (n - p) rho(inf) / 2, is the least (Rousseeuw and Yohai 1984), found from subsets that just
-    determine the unknowns (Salibian-Barrera and Yohai 2006); (2) its scale is frozen; (3) `irls` from there with
-    Tukey's bisquare of the efficiency asked for, 4.685 for 95 %. With 95 % as R's robustbase::lmrob.
+    Yohai, Ann. Statist. 15, 642 (1987), in three acts: (1) the S-estimate, the fit whose scale s,
+    the solution of sum rho(r / s) = (n - p) rho(inf) / 2, is the least (Rousseeuw and Yohai 1984),
+    found from subsets that just determine the unknowns (Salibian-Barrera and Yohai 2006); (2) its
+    scale is frozen; (3) `irls` from there with Tukey's bisquare of the efficiency asked for, 4.685
+    for 95 %. With 95 % as R's robustbase::lmrob.
 
     Examples
     --------
@@ -122,13 +126,17 @@ def mm(
             x=fit.x * size[..., None],
             residuals=fit.residuals * size[..., None],
             scale=fit.scale * size,
-            cov=_covariance(problem, units, fit, loss, size) if scale is None else fit.cov * (size**2)[..., None, None],
+            cov=_covariance(problem, units, fit, loss, size)
+            if scale is None
+            else fit.cov * (size**2)[..., None, None],
             loss=f"MM, bisquare of {100.0 * efficiency:g} %",
             scale_method="S" if scale is None else "given",
         )
 
 
-def _covariance(problem: Problem, units: Units, fit: RobustFit, loss: Bisquare, size: Floats) -> Floats:
+def _covariance(
+    problem: Problem, units: Units, fit: RobustFit, loss: Bisquare, size: Floats
+) -> Floats:
     """Covariance in the user's units; the fit is in units of its scale (...)."""
     n = fit.residuals.shape[-1]
     residuals, weights = fit.residuals.reshape(-1, n), fit.weights.reshape(-1, n)
@@ -139,19 +147,25 @@ def _covariance(problem: Problem, units: Units, fit: RobustFit, loss: Bisquare, 
     mean, rank = slope.mean(axis=1), fit.rank.reshape(-1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         kappa = 1.0 + rank * slope.var(axis=1) / max(n - 1, 1) / mean**2
-        spread = np.sqrt(np.vecdot(weights * residuals, weights * residuals) / (n - rank) * weights.mean(axis=1))
+        spread = np.sqrt(
+            np.vecdot(weights * residuals, weights * residuals) / (n - rank) * weights.mean(axis=1)
+        )
         scaled = spread * kappa / mean * size.reshape(-1) / problem.y_unit
     cov = Search(problem).covariance(weights, np.where(rank < n, scaled, np.nan))
     return cov.reshape(*problem.batch, *cov.shape[1:])
 
 
-def _s_estimate(problem: Problem, units: Units, starts: int | None, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def _s_estimate(
+    problem: Problem, units: Units, starts: int | None, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
     """Coordinates (B, p) and scaled scale (B,) of the S-estimate."""
     count, p, n = len(problem.y), *problem.basis.shape[1:]
     needed = units.needed(int(problem.rank.max()))
     starts = default_starts(needed) if starts is None else starts
     blocks = units.choose(needed, most=max(_ALL, starts), starts=starts, rng=rng, columns=p)
-    z, size = least_of_subsets(problem, blocks, partial(_tried, units=units), count=_BEST, numbers=n)
+    z, size = least_of_subsets(
+        problem, blocks, partial(_tried, units=units), count=_BEST, numbers=n
+    )
     parts = []
     for part in chunks(count, z.shape[1] * n):
         search = Search(problem.part(part))
@@ -168,7 +182,9 @@ def _tried(search: Search, subsets: Subsets, units: Units) -> tuple[Floats, Floa
 
 
 def _downhill(search: Search, z: Floats, size: Floats, measure: MScale) -> tuple[Floats, Floats]:
-    """Follow a few candidates (B, k, p) downhill; coordinates (B, 1, p) and scale (B, 1) of the lowest place."""
+    """Follow a few candidates (B, k, p) downhill; coordinates (B, 1, p) and scale (B, 1) of the
+    lowest place.
+    """
     for _ in range(_STEPS):
         before, (z, size) = z, measure.step(search, z, size)
         moved = np.abs(z - before).max(axis=-1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.estimation.highbreakdown.search import Search, Units
 from losbench.estimation.influence import normal_mean
 from losbench.estimation.losses import Bisquare
@@ -15,11 +15,10 @@ from losbench.estimation.robust.scales import MAD_TO_SIGMA
 
 __all__ = ["MScale"]
 
-Floats = NDArray[np.float64]
-
 
 class MScale:
-    """M-scale s of whole units: sum rho(u / s) = (m - p / g) rho(inf) / 2, with Tukey's bisquare; g rows to a unit.
+    """M-scale s of whole units: sum rho(u / s) = (m - p / g) rho(inf) / 2, with Tukey's bisquare; g
+    rows to a unit.
 
     Parameters
     ----------
@@ -28,7 +27,8 @@ class MScale:
     units : Units
         Of which u is the root mean square residual.
     survive : int
-        Bad units that must not carry the scale away. Beyond (m - p / g) / 2 of them the right-hand side gives way.
+        Bad units that must not carry the scale away. Beyond (m - p / g) / 2 of them the right-hand
+        side gives way.
     """
 
     def __init__(self, problem: Problem, units: Units, survive: int = 0) -> None:
@@ -40,9 +40,13 @@ class MScale:
         self._half = units.majority(int(problem.rank.max())) - 1
 
     def start(self, residuals: Floats) -> Floats:
-        """First guess (B, k) of the scale of residuals (B, k, n): their median, the unknowns allowed for."""
+        """First guess (B, k) of the scale of residuals (B, k, n): their median, the unknowns
+        allowed for.
+        """
         sizes = self._sizes(residuals)
-        return np.maximum(np.partition(sizes, self._half, axis=-1)[..., self._half] / MAD_TO_SIGMA, self._floor)
+        return np.maximum(
+            np.partition(sizes, self._half, axis=-1)[..., self._half] / MAD_TO_SIGMA, self._floor
+        )
 
     def better(self, residuals: Floats, size: Floats, rounds: int = 100) -> Floats:
         """Improve the scale (B, k) by fixed-point steps until it settles."""
@@ -70,7 +74,9 @@ class MScale:
 
 @cache
 def _half(rows: int) -> Bisquare:
-    """Bisquare whose mean loss on normal errors is half of its greatest: c = 1.5476 for single rows."""
+    """Bisquare whose mean loss on normal errors is half of its greatest: c = 1.5476 for single
+    rows.
+    """
     from scipy.optimize import brentq
 
     def excess(c: float) -> float:

@@ -1,4 +1,6 @@
-"""Many candidate fits of every system of a batch at once: what the high-breakdown estimates search among."""
+"""Many candidate fits of every system of a batch at once: what the high-breakdown estimates search
+among.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,9 @@ from itertools import chain, combinations, islice
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats, Indices, Ints
 from losbench.checks import generator
 from losbench.estimation.robust.iterate import Groups
 from losbench.estimation.robust.problem import Problem, products, spd_inverse, unused
@@ -27,12 +30,13 @@ __all__ = [
     "random_source",
 ]
 
-Floats = NDArray[np.float64]
 Random = np.random.Generator | int | None
 
 EXHAUSTIVE = 10_000  # subsets that are all tried rather than drawn from
 _CHUNK_ELEMENTS = 2**19  # numbers of all candidates held at once in one array
-_BLOCK_ELEMENTS = 2**22  # numbers of one block of subsets with all columns, which bounds the memory of a long system
+_BLOCK_ELEMENTS = (
+    2**22
+)  # numbers of one block of subsets with all columns, which bounds the memory of a long system
 _STARTS = (500, 5000)
 
 
@@ -41,7 +45,7 @@ class Units:
     """What is good or bad as a whole: m groups of rows, or the n rows themselves."""
 
     groups: Groups | None
-    sizes: NDArray[np.int64]  # (m,), rows of each
+    sizes: Ints  # (m,), rows of each
 
     @classmethod
     def read(cls, group: ArrayLike | None, n: int) -> Units:
@@ -74,30 +78,38 @@ class Units:
         """What each row has from its unit, (..., m) -> (..., n)."""
         return values if self.groups is None else values[..., self.groups.labels]
 
-    def choose(self, size: int, *, most: int, starts: int, rng: np.random.Generator, columns: int) -> Iterator[Floats]:
-        """Weights (k, n) of all subsets of ``size`` units if they are at most ``most``, of random ones otherwise.
+    def choose(
+        self, size: int, *, most: int, starts: int, rng: np.random.Generator, columns: int
+    ) -> Iterator[Floats]:
+        """Weights (k, n) of all subsets of ``size`` units if they are at most ``most``, of random
+        ones otherwise.
 
-        They come in blocks that with ``columns`` unknowns fit into a little memory: one, unless systems are long.
+        They come in blocks that with ``columns`` unknowns fit into a little memory: one, unless
+        systems are long.
         """
         count = len(self.sizes)
         block = max(1, _BLOCK_ELEMENTS // (int(self.sizes.sum()) * columns))
         if comb(count, size) <= most:
             every = combinations(range(count), size)
-            while len(chosen := np.fromiter(chain.from_iterable(islice(every, block)), dtype=np.intp)):
+            while len(
+                chosen := np.fromiter(chain.from_iterable(islice(every, block)), dtype=np.intp)
+            ):
                 yield self._weights(chosen.reshape(-1, size))
         else:
             for first in range(0, starts, block):
                 order = np.argsort(rng.random((min(block, starts - first), count)), axis=1)
                 yield self._weights(order[:, :size])
 
-    def _weights(self, chosen: NDArray[np.intp]) -> Floats:
+    def _weights(self, chosen: Indices) -> Floats:
         weights = np.zeros((len(chosen), len(self.sizes)))
         np.put_along_axis(weights, chosen, 1.0, axis=1)
         return self.spread(weights)
 
 
 class Search:
-    """Weighted fits of B systems, k candidates each: coordinates (B, k, p) and residuals (B, k, n)."""
+    """Weighted fits of B systems, k candidates each: coordinates (B, k, p) and residuals (B, k,
+    n).
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -117,7 +129,9 @@ class Search:
         return z @ self.problem.basis - self.problem.y[:, None]
 
     def covariance(self, weights: Floats, size: Floats) -> Floats:
-        """Covariance (B, p, p) in the user's units: size^2 (A'WA)^-1 for weights (B, n) and scaled sizes (B,)."""
+        """Covariance (B, p, p) in the user's units: size^2 (A'WA)^-1 for weights (B, n) and scaled
+        sizes (B,).
+        """
         to_x = self.problem.to_x
         inverse = to_x @ self.inverse(weights[:, None])[:, 0] @ np.swapaxes(to_x, 1, 2)
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
@@ -127,11 +141,15 @@ class Search:
         """Inverses (B or 1, k, p, p) of the normal matrices with weights (B or 1, k, n)."""
         packed = weights @ self._pairs + self._unused
         p = self.problem.basis.shape[1]
-        return spd_inverse(packed.reshape(-1, packed.shape[-1]), p).reshape(*packed.shape[:-1], p, p)
+        return spd_inverse(packed.reshape(-1, packed.shape[-1]), p).reshape(
+            *packed.shape[:-1], p, p
+        )
 
 
 class Subsets:
-    """The same k subsets of rows in all systems: where all share one A, their fits are one matrix product."""
+    """The same k subsets of rows in all systems: where all share one A, their fits are one matrix
+    product.
+    """
 
     def __init__(self, problem: Problem, weights: Floats) -> None:
         self.weights = weights  # (k, n), 1 for the rows of the subset
@@ -149,9 +167,15 @@ class Subsets:
         return self._shaped(search.problem.y @ self._matrices[1].T)
 
     def misfits(self, search: Search, z: Floats) -> Floats:
-        """Sums (B, k) of the squared residuals of each subset at its own fit, to the rounding error of y'y."""
+        """Sums (B, k) of the squared residuals of each subset at its own fit, to the rounding error
+        of y'y.
+        """
         y = search.problem.y
-        pulls = search.pulls(self.weights) if self._matrices is None else self._shaped(y @ self._matrices[0].T)
+        pulls = (
+            search.pulls(self.weights)
+            if self._matrices is None
+            else self._shaped(y @ self._matrices[0].T)
+        )
         return y**2 @ self.weights.T - np.vecdot(pulls, z)
 
     def _shaped(self, values: Floats) -> Floats:
@@ -159,7 +183,9 @@ class Subsets:
 
 
 def chunks(count: int, elements: int) -> Iterator[slice]:
-    """Parts of ``count`` systems, with so many numbers for the candidates of each, that fit into a little memory."""
+    """Parts of ``count`` systems, with so many numbers for the candidates of each, that fit into a
+    little memory.
+    """
     size = max(1, _CHUNK_ELEMENTS // elements)
     return (slice(first, first + size) for first in range(0, count, size))
 
@@ -167,7 +193,9 @@ def chunks(count: int, elements: int) -> Iterator[slice]:
 def least(z: Floats, objective: Floats, count: int) -> tuple[Floats, Floats]:
     """Coordinates (B, count, p) of the least objectives (B, k), and these."""
     chosen = np.argpartition(objective, min(count, objective.shape[1]) - 1, axis=1)[:, :count]
-    return np.take_along_axis(z, chosen[..., None], axis=1), np.take_along_axis(objective, chosen, axis=1)
+    return np.take_along_axis(z, chosen[..., None], axis=1), np.take_along_axis(
+        objective, chosen, axis=1
+    )
 
 
 def least_of_subsets(
@@ -178,29 +206,39 @@ def least_of_subsets(
     count: int,
     numbers: int,
 ) -> tuple[Floats, Floats]:
-    """Coordinates (B, count, p) of the least objectives (B, count) among all subsets, whose weights come in blocks.
+    """Coordinates (B, count, p) of the least objectives (B, count) among all subsets, whose weights
+    come in blocks.
 
-    ``tried`` makes candidates (B, k, p) with objectives (B, k) of some systems and a block of k subsets, and holds so
-    many ``numbers`` for each of them.
+    ``tried`` makes candidates (B, k, p) with objectives (B, k) of some systems and a block of k
+    subsets, and holds so many ``numbers`` for each of them.
     """
-    z, objective = np.empty((len(problem.y), 0, problem.basis.shape[1])), np.empty((len(problem.y), 0))
+    z, objective = (
+        np.empty((len(problem.y), 0, problem.basis.shape[1])),
+        np.empty((len(problem.y), 0)),
+    )
     for weights in blocks:
         subsets = Subsets(problem, weights)
         parts = chunks(len(problem.y), len(weights) * numbers)
         found = [least(*tried(Search(problem.part(part)), subsets), count) for part in parts]
         fresh, values = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-        z, objective = np.concatenate([z, fresh], axis=1), np.concatenate([objective, values], axis=1)
+        z, objective = (
+            np.concatenate([z, fresh], axis=1),
+            np.concatenate([objective, values], axis=1),
+        )
         z, objective = least(z, objective, count)
     return z, objective
 
 
 def random_source(rng: Random) -> np.random.Generator:
-    """Return the generator given, or one of its own from a seed; the same one for None, so that results repeat."""
+    """Return the generator given, or one of its own from a seed; the same one for None, so that
+    results repeat.
+    """
     return generator("rng", 0 if rng is None else rng)
 
 
 def default_starts(needed: int) -> int:
-    """Random subsets, so that one of them is clean with 99 % where 30 % of the units are bad; 500 to 5000.
+    """Random subsets, so that one of them is clean with 99 % where 30 % of the units are bad; 500
+    to 5000.
 
     >>> [default_starts(needed) for needed in (3, 13, 15, 18, 30)]
     [500, 500, 968, 2826, 5000]

@@ -7,9 +7,10 @@ from functools import partial
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammainc, gammaincinv
 
+from losbench.arrays import Floats
 from losbench.checks import integer
 from losbench.estimation.highbreakdown.mscale import MScale
 from losbench.estimation.highbreakdown.search import (
@@ -31,7 +32,6 @@ from losbench.estimation.robust.scales import ScaleRule
 
 __all__ = ["lts"]
 
-Floats = NDArray[np.float64]
 
 _KEPT = 0.98758  # share of good units that reweighting keeps: 2.5 sigma for single rows
 _BEST = 10  # candidates that concentration steps carry on with, of random starts
@@ -49,7 +49,8 @@ def lts(
     starts: int | None = None,
     rng: Random = None,
 ) -> RobustFit:
-    """Solve A x = y by least trimmed squares, for one system or a batch, and refit without what it exposes.
+    """Solve A x = y by least trimmed squares, for one system or a batch, and refit without what it
+    exposes.
 
     Parameters
     ----------
@@ -58,24 +59,25 @@ def lts(
     y : (..., n) array
         Observations.
     h : int, optional
-        Number of rows (groups, if grouped) that must fit; floor((m + q + 1) / 2) of m unless given, where q of them
-        determine the unknowns: the choice that survives most bad ones.
+        Number of rows (groups, if grouped) that must fit; floor((m + q + 1) / 2) of m unless given,
+        where q of them determine the unknowns: the choice that survives most bad ones.
     group : (n,) labels, optional
         Rows that are good or bad together, such as the x and y of a spot.
     scale : float or (...) array, unit of y, optional
         Standard deviation of a good row, if known; estimated otherwise.
     starts : int, optional
-        Random starts, where there are too many subsets to try them all; 500 unless given, and more, up to 5000, from
-        14 unknowns on. See the notes for what they are good for.
+        Random starts, where there are too many subsets to try them all; 500 unless given, and more,
+        up to 5000, from 14 unknowns on. See the notes for what they are good for.
     rng : Generator or int, optional
         Source of the random starts; the same ones every time unless given.
 
     Returns
     -------
     RobustFit
-        Least squares over the rows kept, ``weights`` 1 and 0. ``scale`` is the root mean square of their residuals
-        with p taken off and cutting allowed for, ``cov`` = scale^2 (A'WA)^-1, which takes the choice of rows as given:
-        the scatter on normal errors is larger, by 24 % at n = 40 and 11 % at n = 200 with three unknowns.
+        Least squares over the rows kept, ``weights`` 1 and 0. ``scale`` is the root mean square of
+        their residuals with p taken off and cutting allowed for, ``cov`` = scale^2 (A'WA)^-1, which
+        takes the choice of rows as given: the scatter on normal errors is larger, by 24 % at n = 40
+        and 11 % at n = 200 with three unknowns.
 
     Raises
     ------
@@ -84,15 +86,16 @@ def lts(
 
     Notes
     -----
-    Minimises the sum of the h smallest squared residuals: over all subsets of h while they are at most 10 000, else by
-    FAST-LTS, from subsets that just determine the unknowns by concentration steps (Rousseeuw and Van Driessen, Data
-    Min. Knowl. Discov. 12, 29 (2006)). Rows beyond 2.5 scales of that fit are left out of the final one; its scale is
-    the M-scale of all residuals with a breakdown of one half, as in `mm`, which keeps its size in small samples.
+    Minimises the sum of the h smallest squared residuals: over all subsets of h while they are at
+    most 10 000, else by FAST-LTS, from subsets that just determine the unknowns by concentration
+    steps (Rousseeuw and Van Driessen, Data Min. Knowl. Discov. 12, 29 (2006)). Rows beyond 2.5
+    scales of that fit are left out of the final one; its scale is the M-scale of all residuals with
+    a breakdown of one half, as in `mm`, which keeps its size in small samples.
 
-    A random start is clean with a chance of about (1 - e)^q where a share e of the units is bad and q of them fix the
-    unknowns. 500 starts hold a clean one with 99 % up to q = 13 at e = 0.3, up to q = 9 at e = 0.4 and q = 6 at
-    e = 0.5; 5000 starts up to q = 19, 13 and 10. With more unknowns than that, nothing is promised: give more
-    ``starts``.
+    A random start is clean with a chance of about (1 - e)^q where a share e of the units is bad and
+    q of them fix the unknowns. 500 starts hold a clean one with 99 % up to q = 13 at e = 0.3, up to
+    q = 9 at e = 0.4 and q = 6 at e = 0.5; 5000 starts up to q = 19, 13 and 10. With more unknowns
+    than that, nothing is promised: give more ``starts``.
 
     Examples
     --------
@@ -148,8 +151,12 @@ def lts(
     )
 
 
-def _tried(search: Search, subsets: Subsets, units: Units, h: int, *, exact: bool) -> tuple[Floats, Floats]:
-    """Candidates (B, k, p) and what they leave: subsets of h units themselves, if exact, or starts after two refits."""
+def _tried(
+    search: Search, subsets: Subsets, units: Units, h: int, *, exact: bool
+) -> tuple[Floats, Floats]:
+    """Candidates (B, k, p) and what they leave: subsets of h units themselves, if exact, or starts
+    after two refits.
+    """
     z = subsets.fits(search)
     if exact:
         return z, subsets.misfits(search, z)
@@ -199,13 +206,17 @@ def _reweighted(
     z = search.fits(weights[:, None])[:, 0]
     residuals = problem.residuals(z)
     dof = weights.sum(axis=1) - problem.rank
-    spread = np.sqrt(np.vecdot(weights, residuals**2) / np.maximum(dof, 1.0) / _truncated(_KEPT, units.rows))
+    spread = np.sqrt(
+        np.vecdot(weights, residuals**2) / np.maximum(dof, 1.0) / _truncated(_KEPT, units.rows)
+    )
     scale = np.maximum(spread if given is None else given, problem.floor)
     size = np.where(dof > 0, scale, np.nan) if given is None else scale
     return z, weights, scale, search.covariance(weights, size)
 
 
 def _truncated(share: float, rows: int) -> float:
-    """Mean square per row of the ``share`` of units of ``rows`` standard normal errors that are smallest."""
+    """Mean square per row of the ``share`` of units of ``rows`` standard normal errors that are
+    smallest.
+    """
     half = float(gammaincinv(0.5 * rows, share))
     return float(gammainc(0.5 * rows + 1.0, half)) / share

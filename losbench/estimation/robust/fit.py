@@ -8,8 +8,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Bools, Floats, Ints
 from losbench.checks import boolean, choice, finite, integer, number
 from losbench.estimation.losses import Huber, Loss, psi_deriv
 from losbench.estimation.robust.iterate import Groups, Method, iterate
@@ -19,7 +20,6 @@ from losbench.estimation.robust.scales import Scale, ScaleRule
 
 __all__ = ["as_fit", "irls", "lstsq"]
 
-Floats = NDArray[np.float64]
 
 _GREATEST_LEVERAGE = 0.9999
 
@@ -65,11 +65,18 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
             spread = np.sqrt(np.vecdot(residuals, residuals) / (n - problem.rank))
         working = np.where(problem.rank < n, np.maximum(spread, problem.floor), np.nan)
     else:
-        working = ScaleRule(scale, problem.batch, problem.y_unit)(residuals, np.arange(len(residuals)))
+        working = ScaleRule(scale, problem.batch, problem.y_unit)(
+            residuals, np.arange(len(residuals))
+        )
     return as_fit(
         problem,
         z,
-        (residuals, np.broadcast_to(1.0, residuals.shape), working, partial(problem.covariance, working)),
+        (
+            residuals,
+            np.broadcast_to(1.0, residuals.shape),
+            working,
+            partial(problem.covariance, working),
+        ),
         n_iter=np.zeros(len(z), dtype=np.int64),
         converged=np.ones(len(z), dtype=bool),
         loss="least squares",
@@ -101,45 +108,54 @@ def irls(
     loss : Huber, Bisquare or any object with ``weights(u)``
         What a residual of u scales counts.
     scale : str, float, (...) array, or callable
-        How the residual scale is made anew in each iteration: "mad" (median abs r / 0.6744897501960817, about zero),
-        "std" (population; the one of liu2026), "std1" (sample), "rms" (about zero); a known value in the unit of y; or
-        a callable that turns residuals (b, n) into scales (b,).
+        How the residual scale is made anew in each iteration: "mad" (median abs r /
+        0.6744897501960817, about zero), "std" (population; the one of liu2026), "std1" (sample),
+        "rms" (about zero); a known value in the unit of y; or a callable that turns residuals (b,
+        n) into scales (b,).
     group : (n,) labels, optional
-        Rows with the same label share one weight (the x and y of a spot): u is then the root mean square of the
-        group's residuals over the scale, which stays that of a single row.
+        Rows with the same label share one weight (the x and y of a spot): u is then the root mean
+        square of the group's residuals over the scale, which stays that of a single row.
     leverage : bool
-        Judge residuals over sqrt(1 - h), h being the leverage of their row, at most 0.9999, as GSL and MATLAB's
-        robustfit do; "mad" is then the median of what is left without the p - 1 smallest of them, over 0.6745.
+        Judge residuals over sqrt(1 - h), h being the leverage of their row, at most 0.9999, as GSL
+        and MATLAB's robustfit do; "mad" is then the median of what is left without the p - 1
+        smallest of them, over 0.6745.
     x0 : (p,) or (..., p) array, optional
         Start; least squares otherwise. It matters for losses that redescend.
     max_iter, tol : int, float
-        Stop when the fitted values move by at most ``tol`` times the larger of their norm and scale sqrt(p); the same
-        as the relative change of the unknowns in orthonormal columns, so units do not matter.
+        Stop when the fitted values move by at most ``tol`` times the larger of their norm and scale
+        sqrt(p); the same as the relative change of the unknowns in orthonormal columns, so units do
+        not matter.
     on_fail : "warn", "raise" or "ignore"
-        What to do where ``max_iter`` was not enough; the last iterate is kept in any case but "raise".
+        What to do where ``max_iter`` was not enough; the last iterate is kept in any case but
+        "raise".
 
     Returns
     -------
     RobustFit
-        ``cov`` is, with an estimated scale, s^2 kappa^2 / m^2 * sum psi^2 / (n - p) * (A'A)^-1, where m is the mean of
-        psi' and kappa = 1 + p var(psi') / (n m^2) with ddof 1 (Huber 1981, chapter 7, and R's ``summary.rlm``); with
-        a known scale, scale^2 (A'WA)^-1, in which a doubted row counts by its weight.
+        ``cov`` is, with an estimated scale, s^2 kappa^2 / m^2 * sum psi^2 / (n - p) * (A'A)^-1,
+        where m is the mean of psi' and kappa = 1 + p var(psi') / (n m^2) with ddof 1 (Huber 1981,
+        chapter 7, and R's ``summary.rlm``); with a known scale, scale^2 (A'WA)^-1, in which a
+        doubted row counts by its weight.
 
     Raises
     ------
     ValueError
-        If shapes disagree, n < p, a value is NaN or infinite, or an option is not one of those above.
+        If shapes disagree, n < p, a value is NaN or infinite, or an option is not one of those
+        above.
     RuntimeError
         If ``on_fail="raise"`` and a system did not converge.
 
     Notes
     -----
-    liu2026, eq. (8)-(10), which takes Huber(1.345) and scale="std". Close to the solution, the inverse of A'WA is
-    corrected by Broyden's secant instead of made anew, which reaches the same place in about half as many steps.
+    liu2026, eq. (8)-(10), which takes Huber(1.345) and scale="std". Close to the solution, the
+    inverse of A'WA is corrected by Broyden's secant instead of made anew, which reaches the same
+    place in about half as many steps.
 
     Examples
     --------
-    >>> fit = irls([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 3.0], [1.0, 4.0]], [1.1, 2.9, 50.0, 7.1, 8.9])
+    >>> fit = irls(
+    ...     [[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 3.0], [1.0, 4.0]], [1.1, 2.9, 50.0, 7.1, 8.9]
+    ... )
     >>> fit.x.round(2)
     array([1.1 , 1.98])
     >>> fit.outliers()
@@ -154,15 +170,23 @@ def irls(
         None if group is None else Groups.read(group, problem.y.shape[1]),
         integer("max_iter", max_iter, low=1),
         number("tol", tol, low=0.0),
-        1.0 / np.sqrt(1.0 - np.minimum((problem.basis**2).sum(axis=1), _GREATEST_LEVERAGE)) if adjusted else None,
+        1.0 / np.sqrt(1.0 - np.minimum((problem.basis**2).sum(axis=1), _GREATEST_LEVERAGE))
+        if adjusted
+        else None,
     )
     choice("on_fail", on_fail, ("warn", "raise", "ignore"))
     start = problem.least_squares() if x0 is None else _start(problem, A, x0)
     with np.errstate(over="ignore", under="ignore"):
         z, n_iter, settled = iterate(problem, method, start)
-        residuals, weights, working = np.empty_like(problem.y), np.empty_like(problem.y), np.empty_like(problem.floor)
+        residuals, weights, working = (
+            np.empty_like(problem.y),
+            np.empty_like(problem.y),
+            np.empty_like(problem.floor),
+        )
         for part in blocks(*problem.y.shape):
-            residuals[part], weights[part], working[part] = _finish(problem.part(part), method, z[part], part)
+            residuals[part], weights[part], working[part] = _finish(
+                problem.part(part), method, z[part], part
+            )
     converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
     _report(converged, method.max_iter, on_fail)
     return as_fit(
@@ -177,7 +201,9 @@ def irls(
     )
 
 
-def _finish(problem: Problem, method: Method, z: Floats, part: slice) -> tuple[Floats, Floats, Floats]:
+def _finish(
+    problem: Problem, method: Method, z: Floats, part: slice
+) -> tuple[Floats, Floats, Floats]:
     """Residuals, weights and scale at coordinates ``z``, scaled."""
     residuals, systems = problem.residuals(z), np.arange(part.start, part.start + len(z))
     judged = method.judged(residuals, systems)
@@ -191,7 +217,9 @@ def _covariance(problem: Problem, method: Method, residuals: Floats, scale: Floa
         u = method.scaled(method.judged(residuals, np.arange(len(residuals))), scale)
         weights = method.loss.weights(u)
         if method.scale.known:
-            inverse = spd_inverse(gram(problem.basis, weights, problem.rank), problem.basis.shape[1])
+            inverse = spd_inverse(
+                gram(problem.basis, weights, problem.rank), problem.basis.shape[1]
+            )
             shape = problem.to_x @ inverse @ np.swapaxes(problem.to_x, 1, 2)
             return shape * ((scale * problem.x_unit) ** 2)[:, None, None]
         slope = psi_deriv(method.loss, u)
@@ -200,8 +228,10 @@ def _covariance(problem: Problem, method: Method, residuals: Floats, scale: Floa
         return problem.covariance(_kappa_size(residuals * weights, slope, problem.rank))
 
 
-def _kappa_size(pulls: Floats, slope: Floats, rank: NDArray[np.int64]) -> Floats:
-    """Residual size whose square times (A'A)^-1 is the covariance: NaN where no row is redundant."""
+def _kappa_size(pulls: Floats, slope: Floats, rank: Ints) -> Floats:
+    """Residual size whose square times (A'A)^-1 is the covariance: NaN where no row is
+    redundant.
+    """
     n = pulls.shape[1]
     mean = slope @ np.full(n, 1.0 / n)
     variance = (np.vecdot(slope, slope) / n - mean**2) * n / max(n - 1, 1)
@@ -214,13 +244,14 @@ def as_fit(
     z: Floats,
     found: tuple[Floats, Floats, Floats, Floats | Callable[[], Floats]],
     *,
-    n_iter: NDArray[np.int64],
-    converged: NDArray[np.bool_],
+    n_iter: Ints,
+    converged: Bools,
     **labels: Any,
 ) -> RobustFit:
     """From scaled units and a flat batch to the user's, in which the covariance already is.
 
-    Found are residuals, weights, scale and covariance; the last, if a function, waits until somebody asks for it.
+    Found are residuals, weights, scale and covariance; the last, if a function, waits until
+    somebody asks for it.
     """
     residuals, weights, scale, cov = found
     count, n = problem.y.shape
@@ -244,7 +275,9 @@ def as_fit(
 
 def _checked_loss(loss: Loss) -> Loss:
     if isinstance(loss, type):
-        raise ValueError(f"loss must be an object, {loss.__name__}(...), got the class {loss.__name__} itself")
+        raise ValueError(
+            f"loss must be an object, {loss.__name__}(...), got the class {loss.__name__} itself"
+        )
     if not callable(getattr(loss, "weights", None)):
         raise ValueError(f"loss must have a method weights(u), got {loss!r}")
     at_zero = np.zeros((2, 3))
@@ -253,7 +286,8 @@ def _checked_loss(loss: Loss) -> Loss:
             weights = np.asarray(loss.weights(at_zero), dtype=np.float64)
     except (IndexError, TypeError, ValueError) as problem:
         raise ValueError(
-            f"loss must have weights(u) for arrays u of any shape, those of {loss!r} fail at (2, 3): {problem}"
+            f"loss must have weights(u) for arrays u of any shape, those of {loss!r} fail at (2, "
+            f"3): {problem}"
         ) from None
     if weights.shape != at_zero.shape or not np.isfinite(weights).all():
         raise ValueError(
@@ -279,11 +313,15 @@ def _start(problem: Problem, A: ArrayLike, x0: ArrayLike) -> Floats:
     return problem.coordinates(finite("A x0", fitted).reshape(-1, fitted.shape[-1]))
 
 
-def _report(converged: NDArray[np.bool_], max_iter: int, on_fail: str) -> None:
+def _report(converged: Bools, max_iter: int, on_fail: str) -> None:
     failed = int(np.count_nonzero(~converged))
     if not failed or on_fail == "ignore":
         return
-    message = f"irls: {failed} of {converged.size} systems did not converge in {max_iter} iterations"
+    message = (
+        f"irls: {failed} of {converged.size} systems did not converge in {max_iter} iterations"
+    )
     if on_fail == "raise":
         raise RuntimeError(message)
-    warnings.warn(f"{message}; their last iterate is kept, see .converged", RuntimeWarning, stacklevel=3)
+    warnings.warn(
+        f"{message}; their last iterate is kept, see .converged", RuntimeWarning, stacklevel=3
+    )

@@ -1,9 +1,10 @@
 """The reweighting loop, over a pool of systems that is topped up as they settle.
 
-A plain step is H Q' W r, with H the inverse of Q' W Q: it shrinks the distance to the solution by a constant factor.
-Once that is seen to happen and little distance is left, H is no longer made anew but corrected by what the last step
-did (Broyden, Math. Comp. 19, 577 (1965)). That needs only Q' W r, which is zero at the same places, and the factor
-shrinks from step to step. Where it does not, the next step is a plain one.
+A plain step is H Q' W r, with H the inverse of Q' W Q: it shrinks the distance to the solution by a
+constant factor. Once that is seen to happen and little distance is left, H is no longer made anew
+but corrected by what the last step did (Broyden, Math. Comp. 19, 577 (1965)). That needs only Q' W
+r, which is zero at the same places, and the factor shrinks from step to step. Where it does not,
+the next step is a plain one.
 """
 
 from __future__ import annotations
@@ -11,18 +12,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Bools, Floats, Indices, Ints
 from losbench.estimation.losses import Loss
 from losbench.estimation.robust.problem import Problem, blocks, combine, gram, project, spd_inverse
 from losbench.estimation.robust.scales import ScaleRule
 
 __all__ = ["Groups", "Method", "iterate"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
-_NEAR = 0.03  # scales, per root of p: a step this short may be followed by a corrected one that is no longer
+# scales, per root of p: a step this short may be followed by a corrected one that is no longer
+_NEAR = 0.03
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,9 @@ class Groups:
         """Check labels (n,)."""
         given = np.asarray(group)
         if given.shape != (n,):
-            raise ValueError(f"group must have shape ({n},) to match the {n} rows of A, got {given.shape}")
+            raise ValueError(
+                f"group must have shape ({n},) to match the {n} rows of A, got {given.shape}"
+            )
         _, labels, counts = np.unique(given, return_inverse=True, return_counts=True)
         order = np.argsort(labels, kind="stable")
         return cls(labels, order, np.cumsum(counts) - counts, counts[labels])
@@ -59,10 +62,14 @@ class Method:
     groups: Groups | None
     max_iter: int
     tol: float
-    stretch: Floats | None = None  # (B or 1, n), what residuals are multiplied by before they are judged
+    stretch: Floats | None = (
+        None  # (B or 1, n), what residuals are multiplied by before they are judged
+    )
 
     def judged(self, residuals: Floats, systems: Indices) -> Floats:
-        """Residuals (b, n) of these systems as scale and loss see them: adjusted for leverage, if that is asked for."""
+        """Residuals (b, n) of these systems as scale and loss see them: adjusted for leverage, if
+        that is asked for.
+        """
         if self.stretch is None:
             return residuals
         return residuals * (self.stretch if len(self.stretch) == 1 else self.stretch[systems])
@@ -73,10 +80,16 @@ class Method:
         return size / scale[:, None]
 
 
-def iterate(problem: Problem, method: Method, start: Floats) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
-    """Coordinates (B, p) where each system settled, its number of steps, and whether it did settle."""
+def iterate(problem: Problem, method: Method, start: Floats) -> tuple[Floats, Ints, Bools]:
+    """Coordinates (B, p) where each system settled, its number of steps, and whether it did
+    settle.
+    """
     count = len(start)
-    z, n_iter, converged = start.copy(), np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+    z, n_iter, converged = (
+        start.copy(),
+        np.zeros(count, dtype=np.int64),
+        np.zeros(count, dtype=bool),
+    )
     pool = _Pool(problem, start)
     with np.errstate(divide="ignore", invalid="ignore"):
         while len(pool.systems):
@@ -86,13 +99,19 @@ def iterate(problem: Problem, method: Method, start: Floats) -> tuple[Floats, ND
             done = np.flatnonzero(settled | (pool.age == method.max_iter))
             if len(done):
                 out = pool.systems[done]
-                z[out], n_iter[out], converged[out] = pool.z[:, done].T, pool.age[done], settled[done]
+                z[out], n_iter[out], converged[out] = (
+                    pool.z[:, done].T,
+                    pool.age[done],
+                    settled[done],
+                )
                 pool.replace(done)
     return z, n_iter, converged
 
 
 def _advance(pool: _Pool, method: Method) -> Floats:
-    """Take one step with every system of the pool; p times the squared scales (b,) it used, by which to judge it."""
+    """Take one step with every system of the pool; p times the squared scales (b,) it used, by
+    which to judge it.
+    """
     residuals = combine(pool.z.T, pool.basis)
     residuals -= pool.y
     judged = method.judged(residuals, pool.systems)
@@ -103,8 +122,14 @@ def _advance(pool: _Pool, method: Method) -> Floats:
     unit = len(pull) * scale**2
     plain = np.flatnonzero(~_correct(pool, pull, _NEAR**2 * unit))
     if len(plain):
-        basis, rank = (pool.basis, pool.rank) if pool.shared else (pool.basis.take(plain, 0), pool.rank.take(plain))
-        inverse = spd_inverse(gram(basis, weights.take(plain, 0), rank), len(pull)).transpose(1, 2, 0)
+        basis, rank = (
+            (pool.basis, pool.rank)
+            if pool.shared
+            else (pool.basis.take(plain, 0), pool.rank.take(plain))
+        )
+        inverse = spd_inverse(gram(basis, weights.take(plain, 0), rank), len(pull)).transpose(
+            1, 2, 0
+        )
         pool.inverse[..., plain] = inverse
         pool.step[:, plain] = _times(inverse, pull.take(plain, 1))
     pool.z -= pool.step
@@ -112,8 +137,10 @@ def _advance(pool: _Pool, method: Method) -> Floats:
     return unit
 
 
-def _correct(pool: _Pool, pull: Floats, near: Floats) -> NDArray[np.bool_]:
-    """Correct inverses by what the last step did, replace that by the next, and tell where this is to be trusted."""
+def _correct(pool: _Pool, pull: Floats, near: Floats) -> Bools:
+    """Correct inverses by what the last step did, replace that by the next, and tell where this is
+    to be trusted.
+    """
     last = pool.step
     length = _dot(last, last)
     ahead = _times(pool.inverse, pull)
@@ -131,7 +158,9 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 class _Pool:
-    """Systems at work: what belongs to their rows has the batch axis first, what steps are made of has it last."""
+    """Systems at work: what belongs to their rows has the batch axis first, what steps are made of
+    has it last.
+    """
 
     def __init__(self, problem: Problem, start: Floats) -> None:
         self._problem, self._start = problem, start
@@ -150,7 +179,9 @@ class _Pool:
         self.inverse = np.zeros((len(self.z), *self.z.shape))  # (p, p, b), H
 
     def replace(self, done: Indices) -> None:
-        """Put waiting systems in the places of those that are done; once none is left, close ranks."""
+        """Put waiting systems in the places of those that are done; once none is left, close
+        ranks.
+        """
         fresh = slice(self._waiting, min(self._waiting + len(done), len(self._start)))
         self._waiting = fresh.stop
         here, empty = done[: fresh.stop - fresh.start], done[fresh.stop - fresh.start :]

@@ -1,8 +1,9 @@
 """Batches of small linear systems, brought to a form in which every solve is safe.
 
-Columns and right-hand sides whose squares would leave the range of numbers are scaled by powers of two, and the columns
-of A are replaced by an orthonormal basis Q of what they span: A = Q R. In that basis the matrix Q' W Q of a weighted
-solve is as well conditioned as the weights allow, whatever A was, and a step needs no more than its p x p inverse.
+Columns and right-hand sides whose squares would leave the range of numbers are scaled by powers of
+two, and the columns of A are replaced by an orthonormal basis Q of what they span: A = Q R. In that
+basis the matrix Q' W Q of a weighted solve is as well conditioned as the weights allow, whatever A
+was, and a step needs no more than its p x p inverse.
 """
 
 from __future__ import annotations
@@ -13,32 +14,51 @@ from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Bools, Floats, Indices, Ints
 from losbench.checks import finite
 
-__all__ = ["Problem", "blocks", "combine", "gram", "products", "project", "read_problem", "spd_inverse", "unused"]
+__all__ = [
+    "Problem",
+    "blocks",
+    "combine",
+    "gram",
+    "products",
+    "project",
+    "read_problem",
+    "spd_inverse",
+    "unused",
+]
 
-Floats = NDArray[np.float64]
 
 _CLOSED_FORM_COLUMNS = 3
-_ROUNDING = 16 * np.finfo(float).eps  # residuals of a perfect fit stay below this part of the norm of y
+_ROUNDING = (
+    16 * np.finfo(float).eps
+)  # residuals of a perfect fit stay below this part of the norm of y
 _TINY = float(np.finfo(float).tiny)
 _SAFE_NORMS = (1e-100, 1e100)
 _BLOCK_ELEMENTS = 2**15  # residuals worked on at once: few enough to stay in the processor's cache
-_NEARLY_PARALLEL = 1e-2  # sine of the angle to earlier columns below which Gram-Schmidt hands over to the SVD
-_NEARLY_SINGULAR = 1e-12  # determinant, relative to the trace to the power p, below which the closed form hands over
+_NEARLY_PARALLEL = (
+    1e-2  # sine of the angle to earlier columns below which Gram-Schmidt hands over to the SVD
+)
+# determinant, relative to the trace to the power p, below which the closed form hands over
+_NEARLY_SINGULAR = 1e-12
 # Cofactors of a packed 3 x 3 matrix: product of the first two elements less that of the others.
-_COFACTORS = np.array([[3, 2, 1, 0, 1, 0], [5, 4, 4, 5, 2, 3], [4, 1, 2, 2, 0, 1], [4, 5, 3, 2, 4, 1]])
+_COFACTORS = np.array(
+    [[3, 2, 1, 0, 1, 0], [5, 4, 4, 5, 2, 3], [4, 1, 2, 2, 0, 1], [4, 5, 3, 2, 4, 1]]
+)
 
 
 @dataclass(frozen=True)
 class Problem:
-    """B systems of n rows and p columns; arrays of A lead with 1 instead of B where all share one A."""
+    """B systems of n rows and p columns; arrays of A lead with 1 instead of B where all share one
+    A.
+    """
 
     basis: Floats  # (B or 1, p, n), orthonormal; zero rows beyond the rank
     to_x: Floats  # (B or 1, p, p), coordinates in the basis -> unknowns in units of x_unit
-    rank: NDArray[np.int64]  # (B or 1,)
+    rank: Ints  # (B or 1,)
     y: Floats  # (B, n), in units of y_unit
     y_unit: Floats  # (B,), powers of two
     x_unit: Floats  # (B,)
@@ -62,9 +82,13 @@ class Problem:
         return project(self.basis, fitted / self.y_unit[:, None])
 
     def covariance(self, size: Floats) -> Floats:
-        """Covariance (B, p, p) in the user's units: (A'A)^-1 times the square of a scaled residual size (B,)."""
+        """Covariance (B, p, p) in the user's units: (A'A)^-1 times the square of a scaled residual
+        size (B,).
+        """
         with np.errstate(over="ignore", under="ignore"):
-            return (self.to_x @ np.swapaxes(self.to_x, 1, 2)) * ((size * self.x_unit) ** 2)[:, None, None]
+            return (self.to_x @ np.swapaxes(self.to_x, 1, 2)) * ((size * self.x_unit) ** 2)[
+                :, None, None
+            ]
 
     def leverage(self) -> Floats:
         """Diagonals (B, n) of the hat matrices."""
@@ -93,21 +117,31 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
         raise ValueError(f"A must have shape (..., n, p), got {matrix.shape}")
     n, p = matrix.shape[-2:]
     if right.ndim < 1 or right.shape[-1] != n:
-        raise ValueError(f"y must have shape (..., {n}) to match the {n} rows of A, got {right.shape}")
+        raise ValueError(
+            f"y must have shape (..., {n}) to match the {n} rows of A, got {right.shape}"
+        )
     if n < p:
-        raise ValueError(f"A must have at least as many rows as columns, got {n} rows and {p} columns")
+        raise ValueError(
+            f"A must have at least as many rows as columns, got {n} rows and {p} columns"
+        )
     try:
         batch = np.broadcast_shapes(matrix.shape[:-2], right.shape[:-1])
     except ValueError:
-        raise ValueError(f"A and y must share their batch axes, got {matrix.shape} and {right.shape}") from None
+        raise ValueError(
+            f"A and y must share their batch axes, got {matrix.shape} and {right.shape}"
+        ) from None
     systems = (1,) if matrix.ndim == 2 else batch
-    basis, to_x, rank, column_unit = _factorised(np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p))
+    basis, to_x, rank, column_unit = _factorised(
+        np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p)
+    )
     right, y_unit, size = _in_range(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
     middle = np.sqrt(column_unit.min(axis=1)) * np.sqrt(column_unit.max(axis=1))
     with np.errstate(over="ignore", under="ignore"):
         x_unit = y_unit / middle
     if not np.isfinite(x_unit).all():
-        raise ValueError("y must not exceed A by a factor of 1e308 or more: the unknowns would be infinite")
+        raise ValueError(
+            "y must not exceed A by a factor of 1e308 or more: the unknowns would be infinite"
+        )
     return Problem(
         basis=basis,
         to_x=to_x * (middle[:, None] / column_unit)[..., None],
@@ -137,7 +171,9 @@ def combine(coefficients: Floats, rows: Floats) -> Floats:
 
 
 def products(basis: Floats) -> Floats:
-    """Products of all pairs of basis rows, (B or 1, p (p + 1) / 2, n): their weighted sums are Q'WQ, packed."""
+    """Products of all pairs of basis rows, (B or 1, p (p + 1) / 2, n): their weighted sums are
+    Q'WQ, packed.
+    """
     count, p, n = basis.shape
     pairs = np.empty((count, p * (p + 1) // 2, n))
     for k, (i, j) in enumerate(combinations_with_replacement(range(p), 2)):
@@ -145,7 +181,7 @@ def products(basis: Floats) -> Floats:
     return pairs
 
 
-def gram(basis: Floats, weights: Floats, rank: NDArray[np.int64]) -> Floats:
+def gram(basis: Floats, weights: Floats, rank: Ints) -> Floats:
     """Q'WQ, packed (B, p (p + 1) / 2), with ones on the diagonal for directions beyond the rank."""
     p = basis.shape[1]
     if len(basis) == 1:
@@ -156,8 +192,10 @@ def gram(basis: Floats, weights: Floats, rank: NDArray[np.int64]) -> Floats:
     return packed if rank.min() == p else packed + unused(rank, p)
 
 
-def unused(rank: NDArray[np.int64], p: int) -> Floats:
-    """Ones on the diagonal of Q'WQ, packed, for directions beyond the rank, whose rows of Q are zero."""
+def unused(rank: Ints, p: int) -> Floats:
+    """Ones on the diagonal of Q'WQ, packed, for directions beyond the rank, whose rows of Q are
+    zero.
+    """
     packed = np.zeros((len(rank), p * (p + 1) // 2))
     packed[:, np.diagonal(_places(p))] = np.arange(p) >= rank[:, None]
     return packed
@@ -166,12 +204,14 @@ def unused(rank: NDArray[np.int64], p: int) -> Floats:
 def spd_inverse(packed: Floats, p: int) -> Floats:
     """Inverse (B, p, p) of symmetric matrices given by their upper triangles (B, p (p + 1) / 2).
 
-    Closed form for p <= 3 while the matrix is well conditioned, pseudo-inverse by eigenvalues otherwise: a direction
-    that no row determines gets a zero, never a NaN.
+    Closed form for p <= 3 while the matrix is well conditioned, pseudo-inverse by eigenvalues
+    otherwise: a direction that no row determines gets a zero, never a NaN.
     """
     place = _places(p)
     if p > _CLOSED_FORM_COLUMNS:
-        return np.asarray(np.linalg.pinv(packed[:, place], rcond=1e-14, hermitian=True), dtype=np.float64)
+        return np.asarray(
+            np.linalg.pinv(packed[:, place], rcond=1e-14, hermitian=True), dtype=np.float64
+        )
     adjugate, determinant, trace = _adjugate(np.ascontiguousarray(packed.T))
     safe = determinant > _NEARLY_SINGULAR * trace**p
     inverse = (adjugate / np.where(safe, determinant, 1.0))[place].transpose(2, 0, 1)
@@ -181,13 +221,13 @@ def spd_inverse(packed: Floats, p: int) -> Floats:
 
 
 @cache
-def _triangle(p: int) -> NDArray[np.intp]:
+def _triangle(p: int) -> Indices:
     """Where the packed elements are in a flat (p, p) matrix."""
     return np.flatnonzero(np.triu(np.ones((p, p))))
 
 
 @cache
-def _places(p: int) -> NDArray[np.intp]:
+def _places(p: int) -> Indices:
     """Where the elements of a symmetric (p, p) matrix are in its packed upper triangle."""
     first, second = np.triu_indices(p)
     places = np.empty((p, p), dtype=np.intp)
@@ -204,7 +244,11 @@ def _adjugate(packed: Floats) -> tuple[Floats, Floats, Floats]:
         return np.stack([c, -b, a]), a * c - b * b, a + c
     first, second, third, fourth = packed[_COFACTORS]
     adjugate = first * second - third * fourth
-    return adjugate, np.einsum("ib,ib->b", packed[:3], adjugate[:3]), packed[0] + packed[3] + packed[5]
+    return (
+        adjugate,
+        np.einsum("ib,ib->b", packed[:3], adjugate[:3]),
+        packed[0] + packed[3] + packed[5],
+    )
 
 
 def _times_unit(values: Floats, unit: Floats) -> Floats:
@@ -213,7 +257,9 @@ def _times_unit(values: Floats, unit: Floats) -> Floats:
 
 
 def _in_range(rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """Rows (..., n) over a power of two that keeps their squares in range, that unit, and their norm in it."""
+    """Rows (..., n) over a power of two that keeps their squares in range, that unit, and their
+    norm in it.
+    """
     with np.errstate(over="ignore", under="ignore"):
         norm = np.sqrt(np.vecdot(rows, rows))
     if _SAFE_NORMS[0] < norm.min() and norm.max() < _SAFE_NORMS[1]:
@@ -223,8 +269,10 @@ def _in_range(rows: Floats) -> tuple[Floats, Floats, Floats]:
     return rows, unit, np.sqrt(np.vecdot(rows, rows))
 
 
-def _factorised(matrix: Floats) -> tuple[Floats, Floats, NDArray[np.int64], Floats]:
-    """Basis, map to the unknowns over the units of columns, rank, and those units (B, p), of matrices (B, n, p)."""
+def _factorised(matrix: Floats) -> tuple[Floats, Floats, Ints, Floats]:
+    """Basis, map to the unknowns over the units of columns, rank, and those units (B, p), of
+    matrices (B, n, p).
+    """
     count, n, p = matrix.shape
     basis, to_x = np.empty((count, p, n)), np.empty((count, p, p))
     rank, unit = np.full(count, p), np.empty((count, p))
@@ -240,8 +288,10 @@ def _factorised(matrix: Floats) -> tuple[Floats, Floats, NDArray[np.int64], Floa
     return basis, to_x, rank, unit
 
 
-def _by_gram_schmidt(columns: Floats, norm: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Modified Gram-Schmidt on the columns of A with those of the identity below them, where the inverse of R grows."""
+def _by_gram_schmidt(columns: Floats, norm: Floats) -> tuple[Floats, Floats, Bools]:
+    """Modified Gram-Schmidt on the columns of A with those of the identity below them, where the
+    inverse of R grows.
+    """
     count, p, n = columns.shape
     work = np.empty((p, n + p, count))  # the batch axis last: many times faster along short columns
     work[:, :n], work[:, n:] = columns.transpose(1, 2, 0), np.eye(p)[..., None]
@@ -259,8 +309,10 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return np.einsum("nb,nb->b", a, b)
 
 
-def _by_svd(columns: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Basis of unit columns by SVD; where the rank is short, the unknowns have the smallest norm in unit columns."""
+def _by_svd(columns: Floats) -> tuple[Floats, Floats, Ints]:
+    """Basis of unit columns by SVD; where the rank is short, the unknowns have the smallest norm in
+    unit columns.
+    """
     length = np.sqrt(np.vecdot(columns, columns))
     length = np.where(length > 0.0, length, 1.0)[..., None]
     mixing, singular, basis = np.linalg.svd(columns / length, full_matrices=False)

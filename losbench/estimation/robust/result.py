@@ -7,19 +7,20 @@ from dataclasses import dataclass, field, fields
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from losbench.arrays import Bools, Floats, Indices, Ints
 from losbench.checks import number
 
 __all__ = ["RobustFit"]
 
-Floats = NDArray[np.float64]
 
 _ROWS_SHOWN = 10
 
 
 class OnDemand:
-    """Field of a frozen dataclass that may be given as a function, which is then called at first use."""
+    """Field of a frozen dataclass that may be given as a function, which is then called at first
+    use.
+    """
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -53,11 +54,12 @@ class RobustFit:
     weights : (..., n) array
         Weight of each row at ``x``, between 0 and 1; all 1 for least squares.
     scale : (...) array
-        Residual scale at ``x``. Never reported below the rounding error of ``y`` (16 eps times its norm), so that a
-        perfect fit keeps its weights. Least squares: sqrt(sum r^2 / dof), NaN where dof is 0.
+        Residual scale at ``x``. Never reported below the rounding error of ``y`` (16 eps times its
+        norm), so that a perfect fit keeps its weights. Least squares: sqrt(sum r^2 / dof), NaN
+        where dof is 0.
     cov : (..., p, p) array
-        Covariance of ``x``; see the function that made the fit for its formula. NaN where dof is 0 and the scale was
-        not given.
+        Covariance of ``x``; see the function that made the fit for its formula. NaN where dof is 0
+        and the scale was not given.
     dof : (...) int array
         Redundancy n - rank.
     n_iter : (...) int array
@@ -65,7 +67,8 @@ class RobustFit:
     converged : (...) bool array
         Whether the iteration settled, with enough rows of non-zero weight left.
     leverage : (..., n) array
-        Diagonal of the hat matrix of A, unweighted; rank / n on average, 1 where a row alone fixes an unknown.
+        Diagonal of the hat matrix of A, unweighted; rank / n on average, 1 where a row alone fixes
+        an unknown.
     rank : (...) int array
         Rank of A. Where it is short, ``x`` is the solution of smallest norm in unit columns.
     loss : str
@@ -81,14 +84,14 @@ class RobustFit:
     weights: Floats
     scale: Floats
     cov: OnDemand = OnDemand()
-    dof: NDArray[np.int64]
-    n_iter: NDArray[np.int64]
-    converged: NDArray[np.bool_]
+    dof: Ints
+    n_iter: Ints
+    converged: Bools
     leverage: OnDemand = OnDemand()
-    rank: NDArray[np.int64]
+    rank: Ints
     loss: str
     scale_method: str
-    group: NDArray[np.intp] | None = field(default=None)
+    group: Indices | None = field(default=None)
 
     def __getstate__(self) -> dict[str, Any]:
         """What copies and pickles hold: arrays, not ways to compute them."""
@@ -99,7 +102,7 @@ class RobustFit:
         """Standard errors of the unknowns, (..., p): the root of the diagonal of ``cov``."""
         return np.sqrt(np.diagonal(self.cov, axis1=-2, axis2=-1))
 
-    def outliers(self, threshold: float = 3.0) -> NDArray[np.bool_]:
+    def outliers(self, threshold: float = 3.0) -> Bools:
         """Mark rows whose residual exceeds ``threshold`` scales, (..., n).
 
         Examples
@@ -113,7 +116,9 @@ class RobustFit:
 
     def summary(self) -> str:
         """Everything worth knowing about the fit, on one screen."""
-        return "\n".join([repr(self), *(self._batch_lines() if self.x.ndim > 1 else self._single_lines())])
+        return "\n".join(
+            [repr(self), *(self._batch_lines() if self.x.ndim > 1 else self._single_lines())]
+        )
 
     def __repr__(self) -> str:
         """One line: what was fitted, how, and whether it settled."""
@@ -123,22 +128,34 @@ class RobustFit:
         settled = int(np.count_nonzero(self.converged))
         state = f"{settled} of {self.converged.size} converged" if batch else _state(self)
         size = "" if batch else f" = {float(self.scale):.6g}"
-        return f"RobustFit({systems}{n} x {p}, loss {self.loss}, scale {self.scale_method}{size}, {state})"
+        return (
+            f"RobustFit({systems}{n} x {p}, loss {self.loss}, scale {self.scale_method}{size}, "
+            f"{state})"
+        )
 
     def _single_lines(self) -> list[str]:
         n, p = self.residuals.shape[-1], self.x.shape[-1]
-        lines = [f"rank {int(self.rank)} of {p}, dof {int(self.dof)}", "unknown        value   std error"]
+        lines = [
+            f"rank {int(self.rank)} of {p}, dof {int(self.dof)}",
+            "unknown        value   std error",
+        ]
         lines += [
             f"{i:7d} {value:12.6g} {error:11.4g}"
-            for i, (value, error) in enumerate(zip(self.x[:_ROWS_SHOWN], self.std_error, strict=False))
+            for i, (value, error) in enumerate(
+                zip(self.x[:_ROWS_SHOWN], self.std_error, strict=False)
+            )
         ]
         doubted = np.flatnonzero(self.weights < 1.0)
         doubted = doubted[np.argsort(self.weights[doubted], kind="stable")]
-        lines.append(f"{doubted.size} of {n} rows have a weight below 1" + (", lowest first:" if doubted.size else ""))
+        lines.append(
+            f"{doubted.size} of {n} rows have a weight below 1"
+            + (", lowest first:" if doubted.size else "")
+        )
         if doubted.size:
             lines.append("    row  residual/scale   weight  leverage")
         lines += [
-            f"{i:7d} {self.residuals[i] / self.scale:15.2f} {self.weights[i]:8.3f} {self.leverage[i]:9.3f}"
+            f"{i:7d} {self.residuals[i] / self.scale:15.2f} {self.weights[i]:8.3f} "
+            f"{self.leverage[i]:9.3f}"
             for i in doubted[:_ROWS_SHOWN]
         ]
         return lines

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats, Indices
 from losbench.checks import choice, positive
 
 __all__ = ["MAD_TO_SIGMA", "Scale", "ScaleRule"]
 
-Floats = NDArray[np.float64]
 Scale = str | float | ArrayLike | Callable[[Floats], ArrayLike]
 
 MAD_TO_SIGMA = 0.6744897501960817  # upper quartile of the standard normal distribution
@@ -29,7 +29,9 @@ def _median_absolute(residuals: Floats) -> Floats:
 
 
 def _median_of_rest(residuals: Floats, dropped: int) -> Floats:
-    """Median absolute residual of those left without the smallest, over 0.6745, as GSL and robustfit have it."""
+    """Median absolute residual of those left without the smallest, over 0.6745, as GSL and
+    robustfit have it.
+    """
     ordered = np.sort(np.abs(residuals), axis=-1)
     return np.median(ordered[..., dropped:], axis=-1) / 0.6745
 
@@ -40,7 +42,9 @@ def _rms(residuals: Floats) -> Floats:
 
 def _std(residuals: Floats) -> Floats:
     size = residuals.shape[-1]
-    mean = residuals @ np.full(size, 1.0 / size)  # many times faster than .mean() along a short axis
+    mean = residuals @ np.full(
+        size, 1.0 / size
+    )  # many times faster than .mean() along a short axis
     square = np.vecdot(residuals, residuals) / size
     variance = square - mean**2
     if (variance > _CANCELLED * square).all():
@@ -73,10 +77,13 @@ class ScaleRule:
     unit : (B,) array
         Working unit of each system; known scales and callables speak the user's.
     dropped : int, optional
-        Number of the smallest residuals that "mad" leaves out, where residuals are adjusted for leverage.
+        Number of the smallest residuals that "mad" leaves out, where residuals are adjusted for
+        leverage.
     """
 
-    def __init__(self, scale: Scale, batch: tuple[int, ...], unit: Floats, *, dropped: int | None = None) -> None:
+    def __init__(
+        self, scale: Scale, batch: tuple[int, ...], unit: Floats, *, dropped: int | None = None
+    ) -> None:
         self._unit = unit
         self._known: Floats | None = None
         self._call: Callable[[Floats], ArrayLike] | None = None
@@ -99,8 +106,10 @@ class ScaleRule:
         """Whether the scale was given, not estimated."""
         return self._known is not None
 
-    def __call__(self, residuals: Floats, systems: NDArray[np.intp]) -> Floats:
-        """Scales of ``residuals``, which belong to the ``systems`` of the batch, in their working units."""
+    def __call__(self, residuals: Floats, systems: Indices) -> Floats:
+        """Scales of ``residuals``, which belong to the ``systems`` of the batch, in their working
+        units.
+        """
         if self._known is not None:
             return self._known[systems] / self._unit[systems]
         if self._call is None:
@@ -109,7 +118,8 @@ class ScaleRule:
         scales = np.asarray(self._call(residuals * unit[:, None]), dtype=np.float64)
         if scales.shape != unit.shape or not (scales >= 0).all():
             raise ValueError(
-                "scale must turn residuals (..., n) into one non-negative number for each system (...), "
+                "scale must turn residuals (..., n) into one non-negative number for each system "
+                "(...), "
                 f"got {scales} from residuals of shape {residuals.shape}"
             )
         return scales / unit
@@ -120,4 +130,6 @@ def _known(scale: ArrayLike, batch: tuple[int, ...]) -> Floats:
     try:
         return np.broadcast_to(values, batch).reshape(-1)
     except ValueError:
-        raise ValueError(f"scale must broadcast to the batch {batch}, got shape {values.shape}") from None
+        raise ValueError(
+            f"scale must broadcast to the batch {batch}, got shape {values.shape}"
+        ) from None

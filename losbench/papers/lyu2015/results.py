@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from losbench.papers.lyu2015.images import Exposures, expose, random_exposures
-from losbench.papers.lyu2015.setting import TABLE_1, Setting
-from losbench.pointing.inertial.aided import aided_centroid
-from losbench.pointing.inertial.bound import streak_bound
-from losbench.pointing.inertial.gyro import Gyro
-from losbench.pointing.inertial.path import AttitudePath
-from losbench.pointing.inertial.vibration import Vibration
-from losbench.pointing.optics import design_matrix
+from losbench.arrays import Floats
+from losbench.imaging.smeared.aided import aided_centroid
+from losbench.imaging.smeared.bound import streak_bound
+from losbench.optics.camera import design_matrix
+from losbench.optics.motion.gyro import Gyro
+from losbench.optics.motion.path import AttitudePath
+from losbench.optics.motion.vibration import Vibration
+from losbench.papers.lyu2015.scenario import TABLE_1, Setting
+from losbench.papers.lyu2015.twin import Exposures, expose, random_exposures
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,8 +36,6 @@ __all__ = [
     "width_error",
 ]
 
-Floats = NDArray[np.float64]
-
 
 def quiet(shots: Exposures, path: AttitudePath, **choices: Any) -> Floats:
     """Errors (M,) of aided centroids; those that did not settle are kept, without a warning."""
@@ -46,7 +45,9 @@ def quiet(shots: Exposures, path: AttitudePath, **choices: Any) -> Floats:
 
 
 def sigma_sweep(setting: Setting, sigmas_px: Sequence[float], images: int) -> pd.DataFrame:
-    """Mean aided error for each width of the spot (Fig. 6), by the iteration and by two other methods, in pixels."""
+    """Mean aided error for each width of the spot (Fig. 6), by the iteration and by two other
+    methods, in pixels.
+    """
     import pandas as pd
 
     rows = []
@@ -54,7 +55,10 @@ def sigma_sweep(setting: Setting, sigmas_px: Sequence[float], images: int) -> pd
         here = replace(setting, sigma_px=sigma)
         shots = random_exposures(here, images)
         path = here.sensed(shots.motion, here.biased_gyro(images, here.seed + 1), nodes=8)
-        errors = {name: shots.per_image(quiet(shots, path, method=name)) for name in ("iterative", "closed_form")}
+        errors = {
+            name: shots.per_image(quiet(shots, path, method=name))
+            for name in ("iterative", "closed_form")
+        }
         rows.append(
             {"sigma_px": sigma}
             | {name: error.mean() for name, error in errors.items()}
@@ -63,8 +67,11 @@ def sigma_sweep(setting: Setting, sigmas_px: Sequence[float], images: int) -> pd
     return pd.DataFrame(rows)
 
 
-def gyro_errors(setting: Setting, shots: Exposures, values: Sequence[float], error: str) -> pd.DataFrame:
-    """Mean aided error for gyros that have one error each, in pixels; a bias (Fig. 7), a late clock or a random walk.
+def gyro_errors(
+    setting: Setting, shots: Exposures, values: Sequence[float], error: str
+) -> pd.DataFrame:
+    """Mean aided error for gyros that have one error each, in pixels; a bias (Fig. 7), a late clock
+    or a random walk.
 
     Parameters
     ----------
@@ -72,7 +79,8 @@ def gyro_errors(setting: Setting, shots: Exposures, values: Sequence[float], err
     shots : Exposures
     values : sequence of float
     error : str
-        Field of `Gyro`: "bias_deg_h", "time_offset_s", "angle_random_walk_deg_rt_h" or "scale_factor_ppm".
+        Field of `Gyro`: "bias_deg_h", "time_offset_s", "angle_random_walk_deg_rt_h" or
+        "scale_factor_ppm".
     """
     import pandas as pd
 
@@ -80,10 +88,18 @@ def gyro_errors(setting: Setting, shots: Exposures, values: Sequence[float], err
     count = len(shots.truth.turns)
     signs = np.random.default_rng(setting.seed + 1).choice([-1.0, 1.0], (count, 3))
     for value in values:
-        gyro = Gyro(rate_hz=setting.gyro_rate_hz, **{error: value * signs if error == "bias_deg_h" else value})  # type: ignore[arg-type]
+        gyro = Gyro(
+            rate_hz=setting.gyro_rate_hz,
+            **{error: value * signs if error == "bias_deg_h" else value},  # type: ignore[arg-type]
+        )
         found = {
             kind: shots.per_image(
-                quiet(shots, setting.sensed(shots.motion, gyro, interpolation=kind, margin=margin, rng=setting.seed))
+                quiet(
+                    shots,
+                    setting.sensed(
+                        shots.motion, gyro, interpolation=kind, margin=margin, rng=setting.seed
+                    ),
+                )
             ).mean()
             for kind, margin in (("linear", 0), ("spline", 2))
         }
@@ -92,15 +108,21 @@ def gyro_errors(setting: Setting, shots: Exposures, values: Sequence[float], err
 
 
 def floor_px(setting: Setting, motion: Vibration, rate_hz: float | None = None) -> Floats:
-    """Sampling floor of linear interpolation, f h^2 / (12 T) |w(T) - w(0)| across the line of sight, (F,) pixels."""
+    """Sampling floor of linear interpolation, f h^2 / (12 T) |w(T) - w(0)| across the line of
+    sight, (F,) pixels.
+    """
     h = 1.0 / (rate_hz or setting.gyro_rate_hz)
     change = np.diff(motion.rate([0.0, setting.exposure_s]), axis=-2)[..., 0, :2]
     focal_px = setting.camera.focal_mm / setting.camera.pixel_mm
     return focal_px * h**2 / (12 * setting.exposure_s) * np.linalg.norm(change, axis=-1)
 
 
-def one_frequency(setting: Setting, frequencies_hz: Sequence[float], phases: int = 16) -> pd.DataFrame:
-    """Mean error over the phase of a full-rate sinusoid, for a star on the axis and each frequency, in pixels."""
+def one_frequency(
+    setting: Setting, frequencies_hz: Sequence[float], phases: int = 16
+) -> pd.DataFrame:
+    """Mean error over the phase of a full-rate sinusoid, for a star on the axis and each frequency,
+    in pixels.
+    """
     import pandas as pd
 
     phase = 2 * np.pi * np.arange(phases) / phases
@@ -108,18 +130,30 @@ def one_frequency(setting: Setting, frequencies_hz: Sequence[float], phases: int
     image, middle = np.arange(phases), np.full((phases, 2), (setting.pixels - 1) / 2)
     amplitude = [0.0, np.radians(setting.max_rate_deg_s), 0.0]
     for frequency in frequencies_hz:
-        motion = Vibration(amplitude_rad_s=amplitude, frequency_hz=frequency, phase_rad=phase[:, None])
+        motion = Vibration(
+            amplitude_rad_s=amplitude, frequency_hz=frequency, phase_rad=phase[:, None]
+        )
         shots = expose(setting, motion, image, middle, np.zeros(phases))
         gyro = Gyro(rate_hz=setting.gyro_rate_hz)
         row = {"frequency_hz": frequency, "traditional": shots.error(shots.traditional).mean()}
-        for name, kind, margin in (("linear", "linear", 0), ("spline", "spline", 0), ("spline, 2 more", "spline", 2)):
-            row[name] = quiet(shots, setting.sensed(motion, gyro, interpolation=kind, margin=margin)).mean()
+        for name, kind, margin in (
+            ("linear", "linear", 0),
+            ("spline", "spline", 0),
+            ("spline, 2 more", "spline", 2),
+        ):
+            row[name] = quiet(
+                shots, setting.sensed(motion, gyro, interpolation=kind, margin=margin)
+            ).mean()
         rows.append(row | {"floor": floor_px(setting, motion).mean()})
     return pd.DataFrame(rows)
 
 
-def width_error(setting: Setting, shots: Exposures, path: AttitudePath, factors: Sequence[float]) -> pd.DataFrame:
-    """Mean error where the assumed sigma is wrong by a factor, with and without a threshold, in pixels."""
+def width_error(
+    setting: Setting, shots: Exposures, path: AttitudePath, factors: Sequence[float]
+) -> pd.DataFrame:
+    """Mean error where the assumed sigma is wrong by a factor, with and without a threshold, in
+    pixels.
+    """
     import pandas as pd
 
     rows = []
@@ -137,7 +171,9 @@ def width_error(setting: Setting, shots: Exposures, path: AttitudePath, factors:
 
 
 def readings(setting: Setting, shots: Exposures, path: AttitudePath) -> pd.DataFrame:
-    """The 1000 images in every reading: means over images and over stars, RMS, median, in pixels."""
+    """The 1000 images in every reading: means over images and over stars, RMS, median, in
+    pixels.
+    """
     import pandas as pd
 
     def row(name: str, error: Floats) -> dict[str, Any]:
@@ -173,8 +209,11 @@ _METHODS: dict[str, dict[str, Any]] = {
 }
 
 
-def accuracy(setting: Setting, fluxes_e: Sequence[float], images: int = 200, stars: int = 8) -> pd.DataFrame:
-    """Root mean square error per axis of each method under noise, on true paths, as a multiple of the Cramer-Rao bound.
+def accuracy(
+    setting: Setting, fluxes_e: Sequence[float], images: int = 200, stars: int = 8
+) -> pd.DataFrame:
+    """Root mean square error per axis of each method under noise, on true paths, as a multiple of
+    the Cramer-Rao bound.
 
     Every image has the same number of stars, of one brightness, anywhere in the frame.
     """
@@ -184,7 +223,9 @@ def accuracy(setting: Setting, fluxes_e: Sequence[float], images: int = 200, sta
     motion = setting.vibrations(images, rng)
     camera, detector = setting.camera, setting.detector
     start = rng.uniform(30, setting.pixels - 31, (images * stars, 2))
-    shots = expose(setting, motion, np.repeat(np.arange(images), stars), start, np.zeros(len(start)))
+    shots = expose(
+        setting, motion, np.repeat(np.arange(images), stars), start, np.zeros(len(start))
+    )
     path = setting.truth(motion, nodes=2)
     options: dict[str, Any] = {"noise": detector, "background": setting.background_dn}
     grouped = (images, stars)
@@ -192,9 +233,14 @@ def accuracy(setting: Setting, fluxes_e: Sequence[float], images: int = 200, sta
     for flux in fluxes_e:
         frames = detector.expose(shots.windows * flux + setting.background_e, rng)
         bound = streak_bound(
-            shots.start.reshape(*grouped, 2), flux, path=path, camera=camera, sigma=setting.sigma_px,
-            noise=detector, background=setting.background_dn,
-        )  # fmt: skip
+            shots.start.reshape(*grouped, 2),
+            flux,
+            path=path,
+            camera=camera,
+            sigma=setting.sigma_px,
+            noise=detector,
+            background=setting.background_dn,
+        )
         row = {"flux_e": flux, "bound_px": np.sqrt(np.mean(bound**2))}
         for name, choices in _METHODS.items():
             found = shots.aided(path, frames, **(options | choices))
@@ -206,7 +252,9 @@ def accuracy(setting: Setting, fluxes_e: Sequence[float], images: int = 200, sta
 
 
 def one_rotation() -> tuple[Floats, Floats]:
-    """Distances that a rotation of the camera gives Table 1's stars, the best for the traditional errors; and it."""
+    """Distances that a rotation of the camera gives Table 1's stars, the best for the traditional
+    errors; and it.
+    """
     camera = Setting().camera
     rows = design_matrix(camera.points_mm(TABLE_1["xy"] - 0.5)).reshape(-1, 2, 3) / camera.pixel_mm
 

@@ -1,4 +1,6 @@
-"""The pair of star cameras of sections 1 and 2, with every assumption named: the paper gives numbers, no design."""
+"""The pair of star cameras of sections 1 and 2, with every assumption named: the paper gives
+numbers, no design.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +8,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from losbench.arrays import Floats
 from losbench.imaging.detector import Detector
-from losbench.papers.scenario import assumed, calibrated, stated
-from losbench.pointing.optics import Camera
+from losbench.optics.camera import Camera
+from losbench.papers.provenance import assumed, calibrated, stated
 from losbench.pointing.starcamera import QuaternionConvention
 
 __all__ = ["CONVENTION", "Pair"]
 
-Floats = NDArray[np.float64]
 
 CONVENTION = QuaternionConvention(scalar="last", direction="camera_to_inertial")
 
@@ -27,11 +28,14 @@ _UNSEEN = "no part of it reaches the angle between the boresights; any number of
 class Pair:
     """Two star cameras on one base, two reference beams through each, four tracks in two months.
 
-    Drifts are rotation vectors (x, y, z) of each camera in its own axes: z the boresight, x the common normal
-    z1 x z2 of both boresights, which is the one axis that changes the angle between them.
+    Drifts are rotation vectors (x, y, z) of each camera in its own axes: z the boresight, x the
+    common normal z1 x z2 of both boresights, which is the one axis that changes the angle between
+    them.
     """
 
-    days: tuple[float, ...] = stated((0.0, 13.0, 29.0, 58.0), "d", "section 2.2: 26 Jan, 8 Feb, 24 Feb, 25 Mar")
+    days: tuple[float, ...] = stated(
+        (0.0, 13.0, 29.0, 58.0), "d", "section 2.2: 26 Jan, 8 Feb, 24 Feb, 25 Mar"
+    )
     window: int = stated(5, "samples", "section 2.4: five-point mean")
     rate_hz: float = assumed(8.0, "Hz", "a usual output rate of star trackers")
     track_s: float = assumed(300.0, "s", "one imaging track")
@@ -39,22 +43,38 @@ class Pair:
     wobble_arcsec: float = assumed(20.0, "arcsec", "what attitude control leaves over")
     wobble_s: float = assumed(40.0, "s", "slow enough for wheels and panels")
     half_angle_deg: float = assumed(35.0, "deg", "how far each boresight leans to its side")
-    lean: float = assumed(0.25, "", "how far both lean ahead: the boresights are (0.25, +-sin 35 deg, cos 35 deg)")
+    lean: float = assumed(
+        0.25, "", "how far both lean ahead: the boresights are (0.25, +-sin 35 deg, cos 35 deg)"
+    )
     drift_1_arcsec: tuple[float, float, float] = calibrated(
-        (-0.45, 0.5, 1.2), "arcsec", "x: with camera 2 the 1.1 arcsec of section 2.3; y and z: " + _UNSEEN
+        (-0.45, 0.5, 1.2),
+        "arcsec",
+        "x: with camera 2 the 1.1 arcsec of section 2.3; y and z: " + _UNSEEN,
     )
     drift_2_arcsec: tuple[float, float, float] = calibrated(
-        (0.65, -0.3, -0.9), "arcsec", "x: with camera 1 the 1.1 arcsec of section 2.3; y and z: " + _UNSEEN
+        (0.65, -0.3, -0.9),
+        "arcsec",
+        "x: with camera 1 the 1.1 arcsec of section 2.3; y and z: " + _UNSEEN,
     )
     orbital_arcsec: float = assumed(
-        0.05, "arcsec", "drift of the common base, about every axis, that comes and goes with sunlight"
+        0.05,
+        "arcsec",
+        "drift of the common base, about every axis, that comes and goes with sunlight",
     )
-    lsfe_arcsec: float = calibrated(0.2225, "arcsec", "3 sigma, one camera: the pair's total error of 0.74 arcsec")
+    lsfe_arcsec: float = calibrated(
+        0.2225, "arcsec", "3 sigma, one camera: the pair's total error of 0.74 arcsec"
+    )
     nea_arcsec: float = calibrated(0.48, "arcsec", "3 sigma, one camera: section 2.4")
-    correlation_s: float = assumed(15.0, "s", "how long stars take to cross a distortion: exp(-t^2 / (2 15^2))")
-    roll_factor: float = assumed(8.0, "", "errors about the boresight are larger by the usual ratio")
+    correlation_s: float = assumed(
+        15.0, "s", "how long stars take to cross a distortion: exp(-t^2 / (2 15^2))"
+    )
+    roll_factor: float = assumed(
+        8.0, "", "errors about the boresight are larger by the usual ratio"
+    )
     focal_mm: float = assumed(600.0, "mm", "long enough for the precision claimed")
-    field_deg: float = assumed(3.0, "deg", "spots at (+3, +3) and (-3, -3) deg, on both sides of the axis")
+    field_deg: float = assumed(
+        3.0, "deg", "spots at (+3, +3) and (-3, -3) deg, on both sides of the axis"
+    )
     spot_noise_um: float = calibrated(0.137, "um", "drift to 0.1 arcsec, read as 3 sigma")
     pixel_um: float = assumed(8.0, "um", "large-format CMOS")
     shape: tuple[int, int] = assumed((8192, 8192), "px", "holds the spots")
@@ -106,7 +126,11 @@ class Pair:
         return (np.array(self.days)[:, None] * 86400.0 + track).ravel()
 
     def drift_rad(self, time_s: Floats) -> Floats:
-        """Return the true drift of both cameras at each time, (2, n, 3): linear in time, and once per orbit."""
-        linear = time_s[:, None] / (self.days[-1] * 86400.0 or 1.0) * self.final_drift_arcsec[:, None, :]
+        """Return the true drift of both cameras at each time, (2, n, 3): linear in time, and once
+        per orbit.
+        """
+        linear = (
+            time_s[:, None] / (self.days[-1] * 86400.0 or 1.0) * self.final_drift_arcsec[:, None, :]
+        )
         orbital = self.orbital_arcsec * np.sin(2 * np.pi * time_s / self.orbit_s)
         return np.radians((linear + orbital[:, None]) / 3600.0)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats
 from losbench.checks import integer, positive
+from losbench.optics.camera import Model, checked_points, design_matrix
 from losbench.pointing.attitude.blocks import SAME_DIRECTION, broadcast_sigma
-from losbench.pointing.optics import Model, checked_points, design_matrix
 
 __all__ = ["attitude_covariance"]
 
-Floats = NDArray[np.float64]
 
-
-def attitude_covariance(points: ArrayLike, sigma: ArrayLike, *, model: Model = "pinhole", stack: int = 1) -> Floats:
+def attitude_covariance(
+    points: ArrayLike, sigma: ArrayLike, *, model: Model = "pinhole", stack: int = 1
+) -> Floats:
     """Covariance of the angles that a layout of spots allows, with no shift observed yet.
 
     Parameters
@@ -53,5 +54,7 @@ def attitude_covariance(points: ArrayLike, sigma: ArrayLike, *, model: Model = "
     size = np.linalg.norm(rows, axis=-2, keepdims=True)
     _, singular, right = np.linalg.svd(rows / size, full_matrices=False)
     determined = singular[..., -1:, None] > SAME_DIRECTION * singular[..., :1, None]
-    root = np.where(determined, right / np.where(determined, singular[..., None], 1.0) / size, np.inf)
+    root = np.where(
+        determined, right / np.where(determined, singular[..., None], 1.0) / size, np.inf
+    )
     return np.swapaxes(root, -1, -2) @ root / integer("stack", stack, low=1)

@@ -5,22 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Bools, Floats
 from losbench.checks import finite_or_nan, shaped
-from losbench.pointing.optics import checked_points
+from losbench.optics.camera import checked_points
 
 __all__ = ["SAME_DIRECTION", "Blocks", "broadcast_sigma", "distinct_points", "uncut"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SAME_DIRECTION = 1e-9  # radians: spots closer than this fix no rotation about their line of sight
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Shifts cut into B blocks of m = K n spots, K frames each; frames that a last block lacks are missing spots."""
+    """Shifts cut into B blocks of m = K n spots, K frames each; frames that a last block lacks are
+    missing spots.
+    """
 
     points: Floats  # (n, 3)
     shifts: Floats  # (B, m, 2)
@@ -39,7 +40,9 @@ class Blocks:
         return cls(
             points,
             cut.reshape(-1, size, 2),
-            _cut(error, stack, fill=1.0).reshape(-1, size, 2) if error.ndim > 2 else np.tile(error, (1, stack, 1)),
+            _cut(error, stack, fill=1.0).reshape(-1, size, 2)
+            if error.ndim > 2
+            else np.tile(error, (1, stack, 1)),
             np.all(np.isfinite(cut), axis=-1).reshape(-1, size),
             cut.shape[:-3],
             stack,
@@ -47,7 +50,9 @@ class Blocks:
 
     @property
     def ok(self) -> Bools:
-        """Blocks in which at least two different spots were seen, (B,): any two directions fix all three angles."""
+        """Blocks in which at least two different spots were seen, (B,): any two directions fix all
+        three angles.
+        """
         seen = self.present.reshape(len(self.present), self.stack, -1).any(axis=1)
         return np.count_nonzero(seen, axis=1) >= 2
 
@@ -97,7 +102,9 @@ def uncut(blocks: Floats, shape: tuple[int, ...]) -> Floats:
 
 
 def _read_sigma(sigma: ArrayLike | None, shape: tuple[int, ...], present: Bools) -> Floats:
-    """Standard deviations (n, 2), or (..., n, 2) where they differ from frame to frame; 1 where unknown or missing."""
+    """Standard deviations (n, 2), or (..., n, 2) where they differ from frame to frame; 1 where
+    unknown or missing.
+    """
     if sigma is None:
         return np.ones(shape[-2:])
     given = finite_or_nan("sigma", sigma)

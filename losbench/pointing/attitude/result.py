@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from losbench.arrays import Bools, Floats, Ints
 from losbench.units import rad_to_arcsec
 
 __all__ = ["AttitudeFit"]
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -26,16 +23,18 @@ class AttitudeFit:
     cov : (..., 3, 3) array
         Covariance of the angles, radians squared.
     residuals : (..., n, 2) array
-        Model minus shift of every spot of every frame, unit of the shifts; NaN where the spot is missing.
+        Model minus shift of every spot of every frame, unit of the shifts; NaN where the spot is
+        missing.
     weights : (..., n, 2) array
         Robust weight of every shift, 1 for least squares, 0 where the spot is missing.
     leverage : (..., n, 2) array
-        Part of its own error that a shift puts into the fit; 1 - leverage is its redundancy number. NaN where missing.
+        Part of its own error that a shift puts into the fit; 1 - leverage is its redundancy number.
+        NaN where missing.
     redundancy : (...) int array
         Shifts beyond the three needed; below zero where too few spots were seen.
     p_value : (...) array
-        Probability of residuals at least as large as those of least squares if ``sigma`` is right and no spot is bad
-        (chi-square test); NaN without sigma.
+        Probability of residuals at least as large as those of least squares if ``sigma`` is right
+        and no spot is bad (chi-square test); NaN without sigma.
     scale : (...) array
         Residual scale: unit of the shifts, or of sigma where that was given.
     converged, ok : (...) bool arrays
@@ -47,7 +46,7 @@ class AttitudeFit:
     residuals: Floats
     weights: Floats
     leverage: Floats
-    redundancy: NDArray[np.int64]
+    redundancy: Ints
     p_value: Floats
     scale: Floats
     converged: Bools

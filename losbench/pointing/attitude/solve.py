@@ -7,28 +7,29 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
+from losbench.arrays import Bools, Floats, Indices, Ints
 from losbench.checks import boolean, choice, finite_or_nan, integer, number, shaped
 from losbench.estimation.highbreakdown import lts, mm
 from losbench.estimation.losses import Huber, Loss
 from losbench.estimation.robust import RobustFit, irls, lstsq
 from losbench.estimation.robust.scales import Scale
+from losbench.optics.camera import Model, design_matrix, project
 from losbench.pointing.attitude.blocks import Blocks, distinct_points, uncut
 from losbench.pointing.attitude.result import AttitudeFit
-from losbench.pointing.optics import Model, design_matrix, project
 
 __all__ = ["solve_attitude"]
 
-Floats = NDArray[np.float64]
 
 _PER_SHIFT = ("residuals", "weights", "leverage")
 _PER_SOLVE = ("angles", "cov", "redundancy", "p_value", "scale", "converged")
 _EXACT_ROUNDS = 20
 _LONGEST_STEP_RAD = 0.5  # of one exact round
 _TWO_SPOTS = (
-    "with two spots per solve no outlier can be identified: both residuals are equal whichever spot is bad, "
+    "with two spots per solve no outlier can be identified: both residuals are equal whichever "
+    "spot is bad, "
     "and IRLS gives what least squares gives"
 )
 
@@ -52,37 +53,40 @@ def solve_attitude(
     Parameters
     ----------
     points : (n, 3) array, any unit of length
-        Reference points, e.g. from :meth:`Camera.points_mm`; at least two, no two equal. Any two directions will do:
-        spots on one straight line are no worse than others.
+        Reference points, e.g. from :meth:`Camera.points_mm`; at least two, no two equal. Any two
+        directions will do: spots on one straight line are no worse than others.
     shifts : (..., n, 2) array, unit of ``points``
         Displacements of the spots on the image plane. A spot with a NaN is missing from that frame.
     model : "pinhole" or "paper"
         Rows of the design matrix, see `design_matrix`.
     method : "irls", "ls", "lts" or "mm"
-        Reweighted, least squares, or one that almost half of the spots cannot mislead: least trimmed squares or an
-        MM-estimate, see `lts` and `mm`.
+        Reweighted, least squares, or one that almost half of the spots cannot mislead: least
+        trimmed squares or an MM-estimate, see `lts` and `mm`.
     loss : loss object
         For "irls".
     scale : str, float or callable, optional
-        For "irls", as `irls` takes it; a number for the others. Unless given, "mad" (or the method's own), or the
-        known scale where ``sigma`` is given.
+        For "irls", as `irls` takes it; a number for the others. Unless given, "mad" (or the
+        method's own), or the known scale where ``sigma`` is given.
     sigma : float or array that broadcasts to ``shifts``, unit of ``shifts``, optional
-        Standard deviation of each shift. Weighs the rows, makes the covariance absolute and p_value known.
+        Standard deviation of each shift. Weighs the rows, makes the covariance absolute and p_value
+        known.
     stack : int
-        Number of consecutive frames (along the axis before the spots) solved together for common angles. Frames left
-        over make a last, shorter block.
+        Number of consecutive frames (along the axis before the spots) solved together for common
+        angles. Frames left over make a last, shorter block.
     group : "spot" or None
-        One weight for x and y of a spot, because a spot goes bad as a whole (and one for both, where a solve has but
-        two spots); or one each, as in liu2026, eq. (9).
+        One weight for x and y of a spot, because a spot goes bad as a whole (and one for both,
+        where a solve has but two spots); or one each, as in liu2026, eq. (9).
     exact : bool
-        Iterate on the exact projection (Gauss-Newton) instead of solving for small angles once; pinhole only.
+        Iterate on the exact projection (Gauss-Newton) instead of solving for small angles once;
+        pinhole only.
     max_iter : int
         Limit of the reweighting.
 
     Returns
     -------
     AttitudeFit
-        Angles, covariance and tests lead with the solves; residuals, weights and leverage with the frames.
+        Angles, covariance and tests lead with the solves; residuals, weights and leverage with the
+        frames.
 
     Raises
     ------
@@ -92,7 +96,8 @@ def solve_attitude(
     Warns
     -----
     UserWarning
-        If two spots are asked to tell which of them is bad: their residuals are equal, so no weight can.
+        If two spots are asked to tell which of them is bad: their residuals are equal, so no weight
+        can.
     RuntimeWarning
         If a solve did not converge; its last iterate is kept.
 
@@ -114,9 +119,13 @@ def solve_attitude(
     if group is not None:
         choice("group", group, ("spot",))
     if boolean("exact", exact) and model != "pinhole":
-        raise ValueError(f"exact must be False with model {model!r}: the exact projection is that of a pinhole")
+        raise ValueError(
+            f"exact must be False with model {model!r}: the exact projection is that of a pinhole"
+        )
     if integer("stack", stack, low=1) > 1 and moved.ndim < 3:
-        raise ValueError(f"shifts must have shape (..., frames, {len(p)}, 2) to be stacked, got {moved.shape}")
+        raise ValueError(
+            f"shifts must have shape (..., frames, {len(p)}, 2) to be stacked, got {moved.shape}"
+        )
     if method != "ls" and len(p) == 2 and (stack == 1 or moved.shape[-3] == 1):
         warnings.warn(_TWO_SPOTS, UserWarning, stacklevel=2)
     if scale is None and sigma is not None:
@@ -132,11 +141,16 @@ def solve_attitude(
         known=sigma is not None,
     )
     blocks = Blocks.read(p, moved, sigma, stack)
-    fit = _solve_exact(blocks, recipe) if exact else recipe.solve(blocks, design_matrix(p, model)[None], blocks.shifts)
+    fit = (
+        _solve_exact(blocks, recipe)
+        if exact
+        else recipe.solve(blocks, design_matrix(p, model)[None], blocks.shifts)
+    )
     failed = int(np.count_nonzero(fit.ok & ~fit.converged))
     if failed:
         warnings.warn(
-            f"{failed} of {fit.ok.size} attitudes did not converge; their last iterate is kept, see .converged",
+            f"{failed} of {fit.ok.size} attitudes did not converge; their last iterate is kept, "
+            "see .converged",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -157,10 +171,14 @@ class _Recipe:
     def solve(self, blocks: Blocks, rows: Floats, shifts: Floats) -> AttitudeFit:
         """Solve blocks with rows (B or 1, 2n, 3) of one frame for shifts (B, m, 2).
 
-        Blocks that miss equally many spots are one batch: what is missing is left out, not given a zero.
+        Blocks that miss equally many spots are one batch: what is missing is left out, not given a
+        zero.
         """
         count, size, _ = shifts.shape
-        design = np.tile(rows.reshape(len(rows), -1, 2, 3), (1, blocks.stack, 1, 1)) / blocks.sigma[..., None]
+        design = (
+            np.tile(rows.reshape(len(rows), -1, 2, 3), (1, blocks.stack, 1, 1))
+            / blocks.sigma[..., None]
+        )
         if blocks.present.all():
             return self._solve_whole(design if len(design) > 1 else design[0], shifts, blocks.sigma)
         sigma = np.broadcast_to(blocks.sigma, shifts.shape)
@@ -170,7 +188,11 @@ class _Recipe:
             members = np.flatnonzero(fit.ok & (spots == seen))
             chosen = np.argsort(~blocks.present[members], axis=1, kind="stable")[:, :seen]
             places = members[:, None], chosen
-            matrix = design[places] if len(design) > 1 else design[0, chosen if seen < size else slice(None)]
+            matrix = (
+                design[places]
+                if len(design) > 1
+                else design[0, chosen if seen < size else slice(None)]
+            )
             part = self._solve_whole(matrix, shifts[places], sigma[places])
             for name in _PER_SOLVE:
                 getattr(fit, name)[members] = getattr(part, name)
@@ -179,9 +201,14 @@ class _Recipe:
         return fit
 
     def _solve_whole(self, design: Floats, shifts: Floats, sigma: Floats) -> AttitudeFit:
-        """Solve blocks (B, m, 2) that miss nothing, with whitened rows (m, 2, 3) or (B, m, 2, 3)."""
+        """Solve blocks (B, m, 2) that miss nothing, with whitened rows (m, 2, 3) or (B, m, 2,
+        3).
+        """
         count, size, _ = shifts.shape
-        matrix, right = design.reshape(*design.shape[:-3], -1, 3), (shifts / sigma).reshape(count, -1)
+        matrix, right = (
+            design.reshape(*design.shape[:-3], -1, 3),
+            (shifts / sigma).reshape(count, -1),
+        )
         solved = self._fit(matrix, right)
         p_value = np.full(count, np.nan)
         if self.known:
@@ -210,16 +237,28 @@ class _Recipe:
         if self.method == "mm":
             return mm(matrix, right, group=group, scale=known, on_fail="ignore")
         scale = "mad" if self.scale is None else self.scale
-        return irls(matrix, right, loss=self.loss, scale=scale, group=group, max_iter=self.max_iter, on_fail="ignore")
+        return irls(
+            matrix,
+            right,
+            loss=self.loss,
+            scale=scale,
+            group=group,
+            max_iter=self.max_iter,
+            on_fail="ignore",
+        )
 
 
-def _spot_labels(rows: int) -> NDArray[np.intp]:
-    """One label per spot; one for all of two spots, whose residuals are equal: to doubt one is to doubt both."""
+def _spot_labels(rows: int) -> Indices:
+    """One label per spot; one for all of two spots, whose residuals are equal: to doubt one is to
+    doubt both.
+    """
     return np.arange(rows) // 2 if rows > 4 else np.zeros(rows, dtype=np.intp)
 
 
 def _solve_exact(blocks: Blocks, recipe: _Recipe) -> AttitudeFit:
-    """Gauss-Newton on the exact projection; its derivative is the design matrix of where the spots have got to."""
+    """Gauss-Newton on the exact projection; its derivative is the design matrix of where the spots
+    have got to.
+    """
     from scipy.spatial.transform import Rotation  # half the time that `import losbench` may take
 
     angles = np.zeros((len(blocks.shifts), 3))
@@ -227,7 +266,9 @@ def _solve_exact(blocks: Blocks, recipe: _Recipe) -> AttitudeFit:
     for _ in range(_EXACT_ROUNDS):
         seen = project(blocks.points, angles)
         rows = design_matrix(seen)
-        ahead = (seen - blocks.points)[..., :2] - np.matvec(rows, angles).reshape(*seen.shape[:-1], 2)
+        ahead = (seen - blocks.points)[..., :2] - np.matvec(rows, angles).reshape(
+            *seen.shape[:-1], 2
+        )
         fit = recipe.solve(blocks, rows, blocks.shifts - np.tile(ahead, (1, blocks.stack, 1)))
         step = np.where(fit.ok[:, None], fit.angles - angles, 0.0)
         length = np.linalg.norm(step, axis=1, keepdims=True)
@@ -239,10 +280,12 @@ def _solve_exact(blocks: Blocks, recipe: _Recipe) -> AttitudeFit:
         settled = visible & (moved <= 1e-9 * np.abs(np.matvec(rows, angles)).max(axis=1) + tiny)
         if settled.all():
             break
-    return replace(fit, angles=np.where(fit.ok[:, None], angles, np.nan), converged=fit.converged & settled)
+    return replace(
+        fit, angles=np.where(fit.ok[:, None], angles, np.nan), converged=fit.converged & settled
+    )
 
 
-def _unsolved(count: int, size: int, *, ok: NDArray[np.bool_], redundancy: NDArray[np.int64]) -> AttitudeFit:
+def _unsolved(count: int, size: int, *, ok: Bools, redundancy: Ints) -> AttitudeFit:
     return AttitudeFit(
         angles=np.full((count, 3), np.nan),
         cov=np.full((count, 3, 3), np.nan),
@@ -263,5 +306,7 @@ def _restored(fit: AttitudeFit, batch: tuple[int, ...], shape: tuple[int, ...]) 
     for field in fields(fit):
         value = getattr(fit, field.name)
         by_frame = field.name in _PER_SHIFT
-        restored[field.name] = uncut(value, shape) if by_frame else value.reshape(batch + value.shape[1:])
+        restored[field.name] = (
+            uncut(value, shape) if by_frame else value.reshape(batch + value.shape[1:])
+        )
     return AttitudeFit(**restored)

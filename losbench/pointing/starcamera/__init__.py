@@ -1,4 +1,6 @@
-"""Star cameras: their drift from reference spots, its correction, and the angle between two boresights."""
+"""Star cameras: their drift from reference spots, its correction, and the angle between two
+boresights.
+"""
 
 from losbench.pointing.starcamera.aberration import earth_velocity_km_s as earth_velocity_km_s
 from losbench.pointing.starcamera.aberration import remove_aberration as remove_aberration

@@ -1,23 +1,26 @@
-"""Stellar aberration, which an attitude must be free of before two boresights can be compared (extra ``fits``)."""
+"""Stellar aberration, which an attitude must be free of before two boresights can be compared
+(extra ``fits``).
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from losbench.arrays import Floats
 from losbench.checks import finite, shaped
 from losbench.pointing.starcamera.convention import Attitudes, QuaternionConvention
 
 __all__ = ["earth_velocity_km_s", "remove_aberration"]
 
-Floats = NDArray[np.float64]
 
 LIGHT_KM_S = 299792.458
 
 
 def earth_velocity_km_s(utc: ArrayLike) -> Floats:
-    """Barycentric velocity of the Earth, (..., 3) in km/s along ICRS axes; add the satellite's own about the Earth.
+    """Barycentric velocity of the Earth, (..., 3) in km/s along ICRS axes; add the satellite's own
+    about the Earth.
 
     Parameters
     ----------
@@ -38,12 +41,17 @@ def earth_velocity_km_s(utc: ArrayLike) -> Floats:
     from astropy.coordinates import get_body_barycentric_posvel
     from astropy.time import Time
 
-    _, velocity = get_body_barycentric_posvel("earth", Time(np.asarray(utc).astype("datetime64[ns]").astype(str)))
+    _, velocity = get_body_barycentric_posvel(
+        "earth", Time(np.asarray(utc).astype("datetime64[ns]").astype(str))
+    )
     return np.moveaxis(velocity.xyz.to_value("km/s"), 0, -1)
 
 
-def remove_aberration(quaternions: ArrayLike, velocity_km_s: ArrayLike, *, convention: QuaternionConvention) -> Floats:
-    """Turn attitudes that were matched to catalogue directions without aberration to where the camera really looks.
+def remove_aberration(
+    quaternions: ArrayLike, velocity_km_s: ArrayLike, *, convention: QuaternionConvention
+) -> Floats:
+    """Turn attitudes that were matched to catalogue directions without aberration to where the
+    camera really looks.
 
     Parameters
     ----------
@@ -57,8 +65,8 @@ def remove_aberration(quaternions: ArrayLike, velocity_km_s: ArrayLike, *, conve
     Returns
     -------
     (..., 4) array
-        The boresight moved towards the velocity by what aberration moves a star there: 20.5 arcsec from the Earth's
-        motion at right angles, 5 from a low orbit.
+        The boresight moved towards the velocity by what aberration moves a star there: 20.5 arcsec
+        from the Earth's motion at right angles, 5 from a low orbit.
 
     Raises
     ------
@@ -69,7 +77,8 @@ def remove_aberration(quaternions: ArrayLike, velocity_km_s: ArrayLike, *, conve
 
     Notes
     -----
-    The exact aberration of ``erfa.ab`` at the boresight; how it differs over the field is left to the star matching.
+    The exact aberration of ``erfa.ab`` at the boresight; how it differs over the field is left to
+    the star matching.
     """
     _astropy()
     import erfa  # type: ignore[import-untyped]
@@ -80,11 +89,15 @@ def remove_aberration(quaternions: ArrayLike, velocity_km_s: ArrayLike, *, conve
     beta = np.broadcast_to(v, (*attitudes.shape, 3)).reshape(-1, 3) / LIGHT_KM_S
     seen = attitudes.direction(np.array([0.0, 0.0, 1.0]))
     inverse_gamma = np.sqrt(1.0 - np.vecdot(beta, beta))
-    moved = erfa.ab(seen, beta, 1.0, inverse_gamma)  # one au from the Sun, whose potential adds less than a microarcsec
+    moved = erfa.ab(
+        seen, beta, 1.0, inverse_gamma
+    )  # one au from the Sun, whose potential adds less than a microarcsec
     across = np.cross(seen, moved)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
     angle = np.arctan2(sine[:, 0], np.vecdot(seen, moved))[:, None]
-    turn = Rotation.from_rotvec(np.where(sine > 0, across / np.where(sine > 0, sine, 1.0) * angle, 0.0))
+    turn = Rotation.from_rotvec(
+        np.where(sine > 0, across / np.where(sine > 0, sine, 1.0) * angle, 0.0)
+    )
     stored = turn * attitudes.stored if convention.to_inertial else attitudes.stored * turn.inv()
     return attitudes.quaternions(stored)
 

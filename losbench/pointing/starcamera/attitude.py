@@ -1,19 +1,21 @@
-"""Correcting attitudes for a drift, and the angle between two boresights that judges the correction."""
+"""Correcting attitudes for a drift, and the angle between two boresights that judges the
+correction.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from losbench.arrays import Floats
 from losbench.checks import finite, finite_or_nan, number, shaped
 from losbench.pointing.starcamera.convention import Attitudes, QuaternionConvention
 
 __all__ = ["Observability", "boresight_angle", "check_design", "correct_drift", "observability"]
 
-Floats = NDArray[np.float64]
 
 _ALONG_Z = (0.0, 0.0, 1.0)
 
@@ -32,32 +34,37 @@ def correct_drift(
     quaternions : (..., 4) array
         Measured attitudes; a row with NaN is missing.
     drift : (..., 3) array, radians
-        Rotation vector by which the camera turned relative to its reference, in its own axes (`drift_from_spots`).
+        Rotation vector by which the camera turned relative to its reference, in its own axes
+        (`drift_from_spots`).
     convention : QuaternionConvention
         Order and direction of the quaternions; the result keeps to it.
     installation : (3, 3) array, optional
-        Rotation that takes drift components from the monitor's axes to those of the attitude; identity by default.
+        Rotation that takes drift components from the monitor's axes to those of the attitude;
+        identity by default.
 
     Returns
     -------
     (..., 4) array
-        Attitudes of the camera as if it had not moved; the sign stays with that of the measured one. NaN where the
-        attitude or the drift is.
+        Attitudes of the camera as if it had not moved; the sign stays with that of the measured
+        one. NaN where the attitude or the drift is.
 
     Raises
     ------
     ValueError
-        If a quaternion is not of unit length, shapes do not match, or ``installation`` is no rotation.
+        If a quaternion is not of unit length, shapes do not match, or ``installation`` is no
+        rotation.
 
     Notes
     -----
-    ren2023, section 1.2: with delta = M theta, q_corr = q_IC exp(-delta) for camera to inertial; stored inertial to
-    camera that is exp(delta) q_CI.
+    ren2023, section 1.2: with delta = M theta, q_corr = q_IC exp(-delta) for camera to inertial;
+    stored inertial to camera that is exp(delta) q_CI.
 
     Examples
     --------
     >>> convention = QuaternionConvention(scalar="last", direction="camera_to_inertial")
-    >>> correct_drift([0.0, 0.0, 0.0, 1.0], [2e-6, 0.0, 0.0], convention=convention).round(9).tolist()
+    >>> correct_drift([0.0, 0.0, 0.0, 1.0], [2e-6, 0.0, 0.0], convention=convention).round(
+    ...     9
+    ... ).tolist()
     [-1e-06, 0.0, 0.0, 1.0]
     """
     attitudes = Attitudes.read(quaternions, convention)
@@ -67,7 +74,9 @@ def correct_drift(
         theta = np.broadcast_to(theta, (*attitudes.shape, 3)).reshape(-1, 3)
     except ValueError:
         shape = (*attitudes.shape, 3)
-        raise ValueError(f"drift must broadcast to {shape} to match quaternions, got {theta.shape}") from None
+        raise ValueError(
+            f"drift must broadcast to {shape} to match quaternions, got {theta.shape}"
+        ) from None
     unknown = np.isnan(theta.sum(axis=-1))
     turn = Rotation.from_rotvec(
         np.where(unknown[:, None], 0.0, theta) @ rotation_matrix("installation", installation).T
@@ -77,7 +86,11 @@ def correct_drift(
 
 
 def boresight_angle(
-    first: ArrayLike, second: ArrayLike, *, convention: QuaternionConvention, boresight: ArrayLike = _ALONG_Z
+    first: ArrayLike,
+    second: ArrayLike,
+    *,
+    convention: QuaternionConvention,
+    boresight: ArrayLike = _ALONG_Z,
 ) -> Floats:
     """Angle between the boresights of two cameras.
 
@@ -102,7 +115,8 @@ def boresight_angle(
 
     Notes
     -----
-    ren2023, eq. (5)-(8), with atan2(abs(z1 x z2), z1 . z2) in place of an arc cosine, which loses all of a small angle.
+    ren2023, eq. (5)-(8), with atan2(abs(z1 x z2), z1 . z2) in place of an arc cosine, which loses
+    all of a small angle.
 
     Examples
     --------
@@ -122,7 +136,8 @@ def boresight_angle(
 
 @dataclass(frozen=True)
 class Observability:
-    """What two attitudes tell of two drifts, as rows over (delta1, delta2), each in its own camera's axes.
+    """What two attitudes tell of two drifts, as rows over (delta1, delta2), each in its own
+    camera's axes.
 
     Attributes
     ----------
@@ -136,7 +151,9 @@ class Observability:
     relative: Floats
 
 
-def observability(first: ArrayLike, second: ArrayLike, *, convention: QuaternionConvention) -> Observability:
+def observability(
+    first: ArrayLike, second: ArrayLike, *, convention: QuaternionConvention
+) -> Observability:
     """Which of the six drift components of a pair can be seen at all.
 
     Parameters
@@ -149,8 +166,8 @@ def observability(first: ArrayLike, second: ArrayLike, *, convention: Quaternion
     Returns
     -------
     Observability
-        The angle has rank one: of six components it sees one combination; the whole relative rotation has rank three.
-        What both cameras do together, no comparison of the two can see.
+        The angle has rank one: of six components it sees one combination; the whole relative
+        rotation has rank three. What both cameras do together, no comparison of the two can see.
 
     Raises
     ------
@@ -159,7 +176,8 @@ def observability(first: ArrayLike, second: ArrayLike, *, convention: Quaternion
 
     Notes
     -----
-    d alpha = n . (delta2 - delta1) in inertial components, n = z1 x z2 / abs(z1 x z2), to first order.
+    d alpha = n . (delta2 - delta1) in inertial components, n = z1 x z2 / abs(z1 x z2), to first
+    order.
 
     Examples
     --------
@@ -173,7 +191,9 @@ def observability(first: ArrayLike, second: ArrayLike, *, convention: Quaternion
     normal = np.cross(r1[:, :, 2], r2[:, :, 2])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     angle = np.concatenate([-np.vecmat(normal, r1), np.vecmat(normal, r2)], axis=-1)
-    relative = np.concatenate([np.broadcast_to(-np.eye(3), r1.shape), np.swapaxes(r1, 1, 2) @ r2], axis=-1)
+    relative = np.concatenate(
+        [np.broadcast_to(-np.eye(3), r1.shape), np.swapaxes(r1, 1, 2) @ r2], axis=-1
+    )
     return Observability(one.restored(angle), one.restored(relative))
 
 
@@ -187,9 +207,11 @@ def check_design(
     tolerance_deg: float = 0.5,
     scatter_arcsec: float = 100.0,
 ) -> None:
-    """Raise unless the angle between the boresights is the one that the pair was built with, and stays so.
+    """Raise unless the angle between the boresights is the one that the pair was built with, and
+    stays so.
 
-    A wrong order or direction of the quaternions still gives smooth curves; but not this angle, and not a steady one.
+    A wrong order or direction of the quaternions still gives smooth curves; but not this angle, and
+    not a steady one.
 
     Parameters
     ----------
@@ -202,7 +224,8 @@ def check_design(
     boresight : (3,) array
         Line of sight in camera axes, +z by default.
     tolerance_deg, scatter_arcsec : float
-        Allowed distance of the median angle from it, and half-width of the middle half of the angles about it.
+        Allowed distance of the median angle from it, and half-width of the middle half of the
+        angles about it.
 
     Raises
     ------
@@ -229,14 +252,22 @@ def check_design(
         if fits(*found(_translated(first, a, convention), _translated(second, b, convention)))
     ]
     raise ValueError(
-        f"the boresights must stand {design:g} deg apart to {tolerance_deg:g} deg and {scatter_arcsec:g} arcsec, but "
-        f"with {convention} they stand {middle:.4g} deg apart with a scatter of {scatter:.3g} arcsec; "
-        + (f"what would fit: {', or '.join(others)}" if others else "no other convention fits either")
+        f"the boresights must stand {design:g} deg apart to {tolerance_deg:g} deg and "
+        f"{scatter_arcsec:g} arcsec, but "
+        f"with {convention} they stand {middle:.4g} deg apart with a scatter of {scatter:.3g} "
+        "arcsec; "
+        + (
+            f"what would fit: {', or '.join(others)}"
+            if others
+            else "no other convention fits either"
+        )
     )
 
 
 def rotation_matrix(name: str, matrix: ArrayLike | None) -> Floats:
-    """Return ``matrix`` as a proper rotation (3, 3), the identity for None, or raise ``ValueError``."""
+    """Return ``matrix`` as a proper rotation (3, 3), the identity for None, or raise
+    ``ValueError``.
+    """
     if matrix is None:
         return np.eye(3)
     m = finite(name, matrix)
@@ -246,10 +277,17 @@ def rotation_matrix(name: str, matrix: ArrayLike | None) -> Floats:
     return m
 
 
-def _both(first: ArrayLike, second: ArrayLike, convention: QuaternionConvention) -> tuple[Attitudes, Attitudes]:
-    one, two = Attitudes.read(first, convention, "first"), Attitudes.read(second, convention, "second")
+def _both(
+    first: ArrayLike, second: ArrayLike, convention: QuaternionConvention
+) -> tuple[Attitudes, Attitudes]:
+    one, two = (
+        Attitudes.read(first, convention, "first"),
+        Attitudes.read(second, convention, "second"),
+    )
     if one.shape != two.shape:
-        raise ValueError(f"second must have shape {(*one.shape, 4)} to match first, got {(*two.shape, 4)}")
+        raise ValueError(
+            f"second must have shape {(*one.shape, 4)} to match first, got {(*two.shape, 4)}"
+        )
     missing = one.missing | two.missing
     return (
         Attitudes(one.stored, missing, one.shape, convention),
@@ -257,7 +295,9 @@ def _both(first: ArrayLike, second: ArrayLike, convention: QuaternionConvention)
     )
 
 
-def _translated(quaternions: ArrayLike, stored: QuaternionConvention, wanted: QuaternionConvention) -> Floats:
+def _translated(
+    quaternions: ArrayLike, stored: QuaternionConvention, wanted: QuaternionConvention
+) -> Floats:
     """Quaternions that are really of one convention, written in another."""
     q = np.array(quaternions, dtype=np.float64)
     if stored.scalar == "first":

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from losbench.arrays import Bools, Floats
 from losbench.checks import choice, finite_or_nan, shaped
 
 __all__ = ["Attitudes", "QuaternionConvention"]
 
-Floats = NDArray[np.float64]
 
 Scalar = Literal["last", "first"]
 Direction = Literal["camera_to_inertial", "inertial_to_camera"]
@@ -31,8 +31,9 @@ class QuaternionConvention:
     scalar : "last" or "first"
         (x, y, z, w) or (w, x, y, z).
     direction : "camera_to_inertial" or "inertial_to_camera"
-        Which components the rotation takes to which. A quaternion in the notation of Shuster or Wertz, whose attitude
-        matrix A(q) takes inertial components to the camera's, has the numbers of "camera_to_inertial".
+        Which components the rotation takes to which. A quaternion in the notation of Shuster or
+        Wertz, whose attitude matrix A(q) takes inertial components to the camera's, has the numbers
+        of "camera_to_inertial".
 
     Raises
     ------
@@ -71,13 +72,17 @@ class Attitudes:
     """Stored quaternions as rotations, in one flat row; a gap is an identity marked as missing."""
 
     stored: Rotation  # (n,), in the convention's direction
-    missing: NDArray[np.bool_]  # (n,)
+    missing: Bools  # (n,)
     shape: tuple[int, ...]  # batch axes
     convention: QuaternionConvention
 
     @classmethod
-    def read(cls, quaternions: ArrayLike, convention: QuaternionConvention, name: str = "quaternions") -> Attitudes:
-        """Check quaternions (..., 4); a row with NaN is missing, a length other than one an error."""
+    def read(
+        cls, quaternions: ArrayLike, convention: QuaternionConvention, name: str = "quaternions"
+    ) -> Attitudes:
+        """Check quaternions (..., 4); a row with NaN is missing, a length other than one an
+        error.
+        """
         if not isinstance(convention, QuaternionConvention):
             raise ValueError(f"convention must be a QuaternionConvention, got {convention!r}")
         q = finite_or_nan(name, quaternions)
@@ -88,17 +93,26 @@ class Attitudes:
         if bad.any():
             first = int(np.argmax(bad))
             raise ValueError(
-                f"{name} must have unit length to {_UNIT:g}, but {np.count_nonzero(bad)} of {bad.size} have not; "
+                f"{name} must have unit length to {_UNIT:g}, but {np.count_nonzero(bad)} of "
+                f"{bad.size} have not; "
                 f"the first, number {first}, has length {length[first]:.4g}"
             )
         flat = q.reshape(-1, 4)
         first_scalar = convention.scalar == "first"
         if missing.any():
-            flat = np.where(missing[:, None], [1.0, 0.0, 0.0, 0.0] if first_scalar else [0.0, 0.0, 0.0, 1.0], flat)
-        return cls(Rotation.from_quat(flat, scalar_first=first_scalar), missing, q.shape[:-1], convention)
+            flat = np.where(
+                missing[:, None],
+                [1.0, 0.0, 0.0, 0.0] if first_scalar else [0.0, 0.0, 0.0, 1.0],
+                flat,
+            )
+        return cls(
+            Rotation.from_quat(flat, scalar_first=first_scalar), missing, q.shape[:-1], convention
+        )
 
-    def quaternions(self, stored: Rotation, *, also_missing: NDArray[np.bool_] | None = None) -> Floats:
-        """Return rotations of the stored direction as quaternions (..., 4) of the convention; NaN where missing."""
+    def quaternions(self, stored: Rotation, *, also_missing: Bools | None = None) -> Floats:
+        """Return rotations of the stored direction as quaternions (..., 4) of the convention; NaN
+        where missing.
+        """
         rows = stored.as_quat(scalar_first=self.convention.scalar == "first")
         if also_missing is not None:
             rows[also_missing] = np.nan

@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats
 from losbench.checks import boolean, finite_or_nan, positive, shaped
 from losbench.estimation.robust import lstsq
+from losbench.optics.camera import design_matrix
 from losbench.pointing.attitude import solve_attitude
 from losbench.pointing.attitude.blocks import broadcast_sigma, distinct_points
-from losbench.pointing.optics import design_matrix
 from losbench.units import rad_to_arcsec
 
 __all__ = ["DriftFit", "drift_from_spots"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -26,8 +25,8 @@ class DriftFit:
     Attributes
     ----------
     delta : (..., 3) array, radians
-        Rotation vector by which the camera turned relative to the reference, in its own axes; NaN where fewer than two
-        spots were seen.
+        Rotation vector by which the camera turned relative to the reference, in its own axes; NaN
+        where fewer than two spots were seen.
     focal : (...) array or None
         Relative change of the focal length, if it was asked for.
     cov : (..., p, p) array
@@ -35,8 +34,8 @@ class DriftFit:
     residuals : (..., n, 2) array
         Model minus shift, unit of the shifts; NaN where a spot is missing.
     condition : float
-        Ratio of the largest to the smallest singular value of the layout's rows: how much worse its worst-known
-        combination is than the best-known one.
+        Ratio of the largest to the smallest singular value of the layout's rows: how much worse its
+        worst-known combination is than the best-known one.
     """
 
     delta: Floats
@@ -68,8 +67,8 @@ def drift_from_spots(
     shifts : (..., n, 2) array, unit of ``points``
         Displacements of the spots. A spot with a NaN is missing.
     sigma : float or (n, 2) array, unit of ``points``, optional
-        Standard deviation of each shift; makes the covariance absolute. Without it the residuals give the scale, of
-        which two spots leave one.
+        Standard deviation of each shift; makes the covariance absolute. Without it the residuals
+        give the scale, of which two spots leave one.
     focal : bool
         Solve for a relative change of the focal length too. Two spots then leave nothing to check.
 
@@ -80,14 +79,15 @@ def drift_from_spots(
     Raises
     ------
     ValueError
-        If shapes do not match, the points leave a rotation undetermined, or with ``focal`` a spot count below two.
+        If shapes do not match, the points leave a rotation undetermined, or with ``focal`` a spot
+        count below two.
 
     Notes
     -----
-    ren2023, section 1.1, with a = x/f, b = y/f: dx/f = a b dx - (1 + a^2) dy + b dz + a df/f,
-    dy/f = (1 + b^2) dx - a b dy - a dz + b df/f. It is liu2026's exact model (`design_matrix`) with the other sign:
-    `solve_attitude` gives the rotation that carries the reference directions into the observed ones, the camera itself
-    turned by minus that.
+    ren2023, section 1.1, with a = x/f, b = y/f: dx/f = a b dx - (1 + a^2) dy + b dz + a df/f, dy/f
+    = (1 + b^2) dx - a b dy - a dz + b df/f. It is liu2026's exact model (`design_matrix`) with the
+    other sign: `solve_attitude` gives the rotation that carries the reference directions into the
+    observed ones, the camera itself turned by minus that.
 
     Examples
     --------
@@ -100,13 +100,19 @@ def drift_from_spots(
     if boolean("focal", focal):
         return _with_focal(p, finite_or_nan("shifts", shifts), sigma)
     fit = solve_attitude(p, shifts, method="ls", sigma=sigma)
-    return DriftFit(-fit.angles, None, fit.cov, fit.residuals, _condition(design_matrix(p) / p[0, 2]))
+    return DriftFit(
+        -fit.angles, None, fit.cov, fit.residuals, _condition(design_matrix(p) / p[0, 2])
+    )
 
 
 def _with_focal(p: Floats, shifts: Floats, sigma: ArrayLike | None) -> DriftFit:
     shaped("shifts", shifts, ("...", len(p), 2), why=f"to match {len(p)} points")
     design = np.concatenate([-design_matrix(p), p[:, :2].reshape(-1, 1)], axis=1)
-    error = np.ones(p[:, :2].shape) if sigma is None else broadcast_sigma(positive("sigma", sigma), p[:, :2].shape)
+    error = (
+        np.ones(p[:, :2].shape)
+        if sigma is None
+        else broadcast_sigma(positive("sigma", sigma), p[:, :2].shape)
+    )
     flat = shifts.reshape(-1, design.shape[0])
     present = np.repeat(np.isfinite(shifts).all(axis=-1).reshape(len(flat), -1), 2, axis=1)
     found, cov = np.full((len(flat), 4), np.nan), np.full((len(flat), 4, 4), np.nan)
@@ -116,7 +122,11 @@ def _with_focal(p: Floats, shifts: Floats, sigma: ArrayLike | None) -> DriftFit:
         rows, weight = member == k, error.reshape(-1)[seen]
         if np.count_nonzero(seen) < 4 or np.linalg.matrix_rank(design[seen]) < 4:
             continue
-        fit = lstsq(design[seen] / weight[:, None], flat[rows][:, seen] / weight, scale=None if sigma is None else 1.0)
+        fit = lstsq(
+            design[seen] / weight[:, None],
+            flat[rows][:, seen] / weight,
+            scale=None if sigma is None else 1.0,
+        )
         found[rows], cov[rows] = fit.x, fit.cov
         residuals[np.ix_(rows, seen)] = fit.residuals * weight
     batch = shifts.shape[:-2]

@@ -1,12 +1,14 @@
-"""Two star cameras with reference spots: from telemetry to the angle between them, before and after correction."""
+"""Two star cameras with reference spots: from telemetry to the angle between them, before and after
+correction.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.checks import shaped
 from losbench.pointing.starcamera.attitude import boresight_angle, correct_drift
 from losbench.pointing.starcamera.convention import QuaternionConvention
@@ -14,8 +16,6 @@ from losbench.pointing.starcamera.drift import DriftFit, drift_from_spots
 from losbench.pointing.starcamera.timing import interpolate_drift, smooth_drift
 
 __all__ = ["CorrectedPair", "PairTelemetry", "correct_pair"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,11 @@ class CorrectedPair:
 
 
 def correct_pair(
-    telemetry: PairTelemetry, *, sigma_mm: float | None = None, smooth_s: float | None = None, max_gap_s: float = 10.0
+    telemetry: PairTelemetry,
+    *,
+    sigma_mm: float | None = None,
+    smooth_s: float | None = None,
+    max_gap_s: float = 10.0,
 ) -> CorrectedPair:
     """Run the whole chain of ren2023, Fig. 2: spots, drift, correction, angle.
 
@@ -98,6 +102,7 @@ def correct_pair(
     Returns
     -------
     CorrectedPair
+        With the angle between the boresights of every sample, an (F,) array, before and after.
 
     Raises
     ------
@@ -125,6 +130,8 @@ def correct_pair(
         np.stack(drifts),
         (fits[0], fits[1]),
         np.stack(corrected),
-        boresight_angle(*telemetry.quaternions, convention=telemetry.convention, boresight=telemetry.boresight),
+        boresight_angle(
+            *telemetry.quaternions, convention=telemetry.convention, boresight=telemetry.boresight
+        ),
         boresight_angle(*corrected, convention=telemetry.convention, boresight=telemetry.boresight),
     )

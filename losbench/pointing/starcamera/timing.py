@@ -1,13 +1,16 @@
-"""Drifts and attitudes at the times they are wanted: smoothed, interpolated, and the clocks of two heads compared."""
+"""Drifts and attitudes at the times they are wanted: smoothed, interpolated, and the clocks of two
+heads compared.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
+from losbench.arrays import Bools, Floats, Ints
 from losbench.checks import finite, finite_or_nan, number, positive, shaped
 from losbench.pointing.starcamera.convention import Attitudes, QuaternionConvention
 
@@ -19,8 +22,6 @@ __all__ = [
     "split_tracks",
     "time_tag_offset",
 ]
-
-Floats = NDArray[np.float64]
 
 
 def smooth_drift(time_s: ArrayLike, drift: ArrayLike, *, window_s: float) -> Floats:
@@ -46,21 +47,27 @@ def smooth_drift(time_s: ArrayLike, drift: ArrayLike, *, window_s: float) -> Flo
 
     Examples
     --------
-    >>> smooth_drift([0.0, 1.0, 2.0, 3.0], [[0.0], [3.0], [0.0], [3.0]], window_s=2.0).ravel().tolist()
+    >>> smooth_drift(
+    ...     [0.0, 1.0, 2.0, 3.0], [[0.0], [3.0], [0.0], [3.0]], window_s=2.0
+    ... ).ravel().tolist()
     [1.5, 1.0, 2.0, 1.5]
     """
     t, x = _series(time_s, drift)
     half = float(positive("window_s", number("window_s", window_s))) / 2.0
     flat = x.reshape(len(t), -1)
     present = np.isfinite(flat.sum(axis=1))
-    total = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(np.where(present[:, None], flat, 0.0), axis=0)])
+    total = np.concatenate(
+        [np.zeros((1, flat.shape[1])), np.cumsum(np.where(present[:, None], flat, 0.0), axis=0)]
+    )
     count = np.concatenate([[0], np.cumsum(present)])
     first, last = np.searchsorted(t, t - half, "left"), np.searchsorted(t, t + half, "right")
     mean = (total[last] - total[first]) / np.maximum(count[last] - count[first], 1)[:, None]
     return np.where(present[:, None], mean, np.nan).reshape(x.shape)
 
 
-def interpolate_drift(time_s: ArrayLike, drift: ArrayLike, at_s: ArrayLike, *, max_gap_s: float = 10.0) -> Floats:
+def interpolate_drift(
+    time_s: ArrayLike, drift: ArrayLike, at_s: ArrayLike, *, max_gap_s: float = 10.0
+) -> Floats:
     """Drift rotation vectors at other times, along the shortest turn between neighbours (Slerp).
 
     Parameters
@@ -86,7 +93,9 @@ def interpolate_drift(time_s: ArrayLike, drift: ArrayLike, at_s: ArrayLike, *, m
 
     Examples
     --------
-    >>> interpolate_drift([0.0, 2.0], [[0.0, 0.0, 0.0], [2e-6, 0.0, 0.0]], [1.0, 3.0]).round(9).tolist()
+    >>> interpolate_drift([0.0, 2.0], [[0.0, 0.0, 0.0], [2e-6, 0.0, 0.0]], [1.0, 3.0]).round(
+    ...     9
+    ... ).tolist()
     [[1e-06, 0.0, 0.0], [nan, nan, nan]]
     """
     t, x = _series(time_s, drift)
@@ -106,7 +115,8 @@ def interpolate_attitude(
 ) -> Floats:
     """Attitudes at other times by Slerp; the sign of a quaternion may flip between samples.
 
-    Halfway between two samples their noise is averaged: an NEA taken from interpolated attitudes comes out low.
+    Halfway between two samples their noise is averaged: an NEA taken from interpolated attitudes
+    comes out low.
 
     Parameters
     ----------
@@ -135,24 +145,34 @@ def interpolate_attitude(
     attitudes = Attitudes.read(q, convention)
     known = ~attitudes.missing
     turned, inside = _slerp(t[known], attitudes.stored[known], at_s, max_gap_s, "attitudes")
-    return np.where(inside[:, None], turned.as_quat(scalar_first=convention.scalar == "first"), np.nan)
+    return np.where(
+        inside[:, None], turned.as_quat(scalar_first=convention.scalar == "first"), np.nan
+    )
 
 
 @dataclass(frozen=True)
 class TimeOffset:
-    """What to add to the second head's time tags, ``seconds``, with its one-sigma error ``sigma_s``."""
+    """What to add to the second head's time tags, ``seconds``, with its one-sigma error
+    ``sigma_s``.
+    """
 
     seconds: float
     sigma_s: float
 
 
 def time_tag_offset(
-    time_s: ArrayLike, first: ArrayLike, second: ArrayLike, *, convention: QuaternionConvention, smooth_s: float = 2.0
+    time_s: ArrayLike,
+    first: ArrayLike,
+    second: ArrayLike,
+    *,
+    convention: QuaternionConvention,
+    smooth_s: float = 2.0,
 ) -> TimeOffset:
     """Find the offset between two heads' time tags from the changes of the rate at which both turn.
 
-    Two rigidly mounted heads that are read at different moments seem to turn against each other by rate x offset; what
-    of that is constant looks like a mounting error, so only a changing rate tells. Noise is taken as white.
+    Two rigidly mounted heads that are read at different moments seem to turn against each other by
+    rate x offset; what of that is constant looks like a mounting error, so only a changing rate
+    tells. Noise is taken as white.
 
     Parameters
     ----------
@@ -172,19 +192,22 @@ def time_tag_offset(
     Raises
     ------
     ValueError
-        If times do not increase, shapes differ, fewer than ten rows are complete, or the rate never changes.
+        If times do not increase, shapes differ, fewer than ten rows are complete, or the rate never
+        changes.
 
     Notes
     -----
-    Weighted regression of the relative rotation, C0' R1' R2 as a rotation vector, on the rate of the second head, each
-    axis by its own scatter.
+    Weighted regression of the relative rotation, C0' R1' R2 as a rotation vector, on the rate of
+    the second head, each axis by its own scatter.
     """
     t, q1 = _series(time_s, first, "first")
     q2 = _series(time_s, second, "second")[1]
     one, two = Attitudes.read(q1, convention, "first"), Attitudes.read(q2, convention, "second")
     known = ~(one.missing | two.missing)
     if np.count_nonzero(known) < 10:
-        raise ValueError(f"at least ten rows must hold both attitudes, got {np.count_nonzero(known)}")
+        raise ValueError(
+            f"at least ten rows must hold both attitudes, got {np.count_nonzero(known)}"
+        )
     t = t[known]
     r1, r2 = (Rotation.from_matrix(head.matrices()[known]) for head in (one, two))
     relative = r1.inv() * r2
@@ -198,18 +221,22 @@ def time_tag_offset(
     return TimeOffset(float(np.sum(weight * np.sum(rate * away, axis=0))) / power, power**-0.5)
 
 
-def split_tracks(time_s: ArrayLike, *, gap_s: float = 60.0) -> NDArray[np.int64]:
+def split_tracks(time_s: ArrayLike, *, gap_s: float = 60.0) -> Ints:
     """Number the tracks of a record: a new one begins after every gap longer than ``gap_s``.
 
     >>> split_tracks([0.0, 1.0, 500.0, 501.0]).tolist()
     [0, 0, 1, 1]
     """
     t = _increasing(time_s)
-    return np.concatenate([[0], np.cumsum(np.diff(t) > number("gap_s", gap_s, low=0.0))]).astype(np.int64)
+    return np.concatenate([[0], np.cumsum(np.diff(t) > number("gap_s", gap_s, low=0.0))]).astype(
+        np.int64
+    )
 
 
 def _rate(t: Floats, attitude: Rotation, smooth_s: float) -> Floats:
-    """Angular rate in camera axes, radians per second: the mean over a window centred at each time."""
+    """Angular rate in camera axes, radians per second: the mean over a window centred at each
+    time.
+    """
     half = smooth_s / 2.0
     before = np.clip(np.searchsorted(t, t - half), 0, len(t) - 2)
     after = np.clip(np.searchsorted(t, t + half), before + 1, len(t) - 1)
@@ -218,7 +245,7 @@ def _rate(t: Floats, attitude: Rotation, smooth_s: float) -> Floats:
 
 def _slerp(
     t: Floats, rotations: Rotation, at_s: ArrayLike, max_gap_s: float, what: str
-) -> tuple[Rotation, NDArray[np.bool_]]:
+) -> tuple[Rotation, Bools]:
     """Rotations at the wanted times, and which of them lie inside what is known."""
     at = finite("at_s", at_s, ndim=1)
     if len(t) < 2:
@@ -246,5 +273,7 @@ def _increasing(time_s: ArrayLike) -> Floats:
     if late.any():
         k = int(np.argmax(late)) + 1
         kind = "equals" if t[k] == t[k - 1] else "is before"
-        raise ValueError(f"time_s must increase, but sample {k} at {t[k]:g} s {kind} the one before it")
+        raise ValueError(
+            f"time_s must increase, but sample {k} at {t[k]:g} s {kind} the one before it"
+        )
     return t

@@ -1,4 +1,6 @@
-"""Lumped thermal nodes under a room temperature, and the tilt of the line of sight that they cause."""
+"""Lumped thermal nodes under a room temperature, and the tilt of the line of sight that they
+cause.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from losbench.arrays import Floats
 from losbench.checks import finite, non_negative, positive, shaped
 from losbench.units import arcsec_to_rad
 
 __all__ = ["ThermalNetwork", "thermoelastic_tilt"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class ThermalNetwork:
 
     Notes
     -----
-    C dT/dt = -L T + h (T_room - T), with L the weighted Laplacian of the links. As L leaves a common temperature alone,
-    d = T - T_room obeys dd/dt = M d - dT_room/dt with M = -C^-1 (L + diag h), whose matrix exponential is diagonal in
-    the modes of the symmetric C^(1/2) M C^(-1/2).
+    C dT/dt = -L T + h (T_room - T), with L the weighted Laplacian of the links. As L leaves a
+    common temperature alone, d = T - T_room obeys dd/dt = M d - dT_room/dt with M = -C^-1 (L + diag
+    h), whose matrix exponential is diagonal in the modes of the symmetric C^(1/2) M C^(-1/2).
 
     Examples
     --------
@@ -58,7 +59,9 @@ class ThermalNetwork:
         positive("capacity_J_per_K", list(self.capacity_J_per_K.values()))
         pairs = [frozenset(pair) for pair in self.link_W_per_K]
         if any(len(pair) != 2 for pair in pairs) or len(set(pairs)) < len(pairs):
-            raise ValueError("link_W_per_K must name two different nodes per link and each pair once")
+            raise ValueError(
+                "link_W_per_K must name two different nodes per link and each pair once"
+            )
         for name, table, nodes in (
             ("link_W_per_K", self.link_W_per_K, {node for pair in pairs for node in pair}),
             ("room_W_per_K", self.room_W_per_K, set(self.room_W_per_K)),
@@ -66,7 +69,9 @@ class ThermalNetwork:
             if table:
                 non_negative(name, list(table.values()))
             if unknown := sorted(nodes - set(self.names)):
-                raise ValueError(f"{name} must join nodes of {', '.join(self.names)}, got {', '.join(unknown)}")
+                raise ValueError(
+                    f"{name} must join nodes of {', '.join(self.names)}, got {', '.join(unknown)}"
+                )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -75,12 +80,17 @@ class ThermalNetwork:
 
     @property
     def time_constants_s(self) -> Floats:
-        """Time constants of the modes, slowest first; infinite for nodes that no path joins to the room."""
+        """Time constants of the modes, slowest first; infinite for nodes that no path joins to the
+        room.
+        """
         rates = self._modes()[0]
         return np.divide(1.0, rates, out=np.full_like(rates, np.inf), where=rates > 0)
 
-    def simulate(self, time_s: ArrayLike, room_degC: ArrayLike, initial_degC: ArrayLike | None = None) -> Floats:
-        """Node temperatures under a room temperature that runs straight between its samples; exact for any step.
+    def simulate(
+        self, time_s: ArrayLike, room_degC: ArrayLike, initial_degC: ArrayLike | None = None
+    ) -> Floats:
+        """Node temperatures under a room temperature that runs straight between its samples; exact
+        for any step.
 
         Parameters
         ----------
@@ -103,14 +113,26 @@ class ThermalNetwork:
         """
         t, room = increasing_times(time_s), finite("room_degC", room_degC)
         shaped("room_degC", room, (t.size,), why="to match time_s")
-        start = room[:1] if initial_degC is None else np.atleast_1d(finite("initial_degC", initial_degC))
+        start = (
+            room[:1]
+            if initial_degC is None
+            else np.atleast_1d(finite("initial_degC", initial_degC))
+        )
         if start.shape not in {(1,), (len(self.names),)}:
-            shaped("initial_degC", start, (len(self.names),), why="to match the nodes, or be one number")
+            shaped(
+                "initial_degC",
+                start,
+                (len(self.names),),
+                why="to match the nodes, or be one number",
+            )
         rates, to_modes, from_modes = self._modes()
         step_s = np.diff(t)[:, None]
         decay = np.exp(-rates * step_s)
-        # Integral of the decay over a step: (1 - exp(-rate step)) / rate, and the step itself where the rate is zero.
-        held_s = np.divide(-np.expm1(-rates * step_s), rates, out=step_s + 0 * rates, where=rates > 0)
+        # Integral of the decay over a step: (1 - exp(-rate step)) / rate, and the step itself where
+        # the rate is zero.
+        held_s = np.divide(
+            -np.expm1(-rates * step_s), rates, out=step_s + 0 * rates, where=rates > 0
+        )
         pull = held_s * (np.diff(room)[:, None] / step_s) * to_modes.sum(axis=1)
         modes = np.empty((t.size, rates.size))
         modes[0] = to_modes @ np.broadcast_to(start - room[0], rates.shape)
@@ -132,7 +154,10 @@ class ThermalNetwork:
 
 
 def thermoelastic_tilt(
-    temperature_degC: ArrayLike, sensitivity_arcsec_per_degC: ArrayLike, *, reference_degC: ArrayLike
+    temperature_degC: ArrayLike,
+    sensitivity_arcsec_per_degC: ArrayLike,
+    *,
+    reference_degC: ArrayLike,
 ) -> Floats:
     """Line-of-sight angles that node temperatures cause.
 
@@ -156,13 +181,18 @@ def thermoelastic_tilt(
 
     Examples
     --------
-    >>> thermoelastic_tilt([21.0, 20.0], [[0, 0], [206.264806, 0], [0, 9]], reference_degC=20.0).round(6).tolist()
+    >>> thermoelastic_tilt(
+    ...     [21.0, 20.0], [[0, 0], [206.264806, 0], [0, 9]], reference_degC=20.0
+    ... ).round(6).tolist()
     [0.0, 0.001, 0.0]
     """
     temperature = finite("temperature_degC", temperature_degC)
     shaped("temperature_degC", temperature, ("...", "nodes"))
     nodes = temperature.shape[-1]
-    matrix, reference = finite("sensitivity_arcsec_per_degC", sensitivity_arcsec_per_degC), np.asarray(reference_degC)
+    matrix, reference = (
+        finite("sensitivity_arcsec_per_degC", sensitivity_arcsec_per_degC),
+        np.asarray(reference_degC),
+    )
     shaped("sensitivity_arcsec_per_degC", matrix, (3, nodes), why=f"to match {nodes} nodes")
     if reference.ndim:
         shaped("reference_degC", reference, (nodes,), why=f"to match {nodes} nodes")

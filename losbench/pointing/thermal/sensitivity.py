@@ -7,9 +7,10 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
+from losbench.arrays import Bools, Floats
 from losbench.checks import boolean, choice, finite_or_nan, number, positive, shaped
 from losbench.estimation.losses import Huber, Loss
 from losbench.estimation.robust import RobustFit, irls, lstsq
@@ -19,7 +20,6 @@ from losbench.units import rad_to_arcsec
 
 __all__ = ["SensitivityFit", "fit_sensitivity"]
 
-Floats = NDArray[np.float64]
 
 _LAGS_TRIED = 40
 _NUDGE = 1.001  # factor on the lag for its derivative
@@ -27,25 +27,29 @@ _NUDGE = 1.001  # factor on the lag for its derivative
 
 @dataclass(frozen=True)
 class SensitivityFit:
-    """Angle = offset + k (T - reference) + quadratic (T - reference)^2, with T lagged by ``lag_s`` where asked for.
+    """Angle = offset + k (T - reference) + quadratic (T - reference)^2, with T lagged by ``lag_s``
+    where asked for.
 
-    Every array leads with the axes of the angles that were fitted: none for a series (n,), (k,) for (n, k).
+    Every array leads with the axes of the angles that were fitted: none for a series (n,), (k,) for
+    (n, k).
 
     Attributes
     ----------
     k, k_interval : (...,), (..., 2) arrays
         Sensitivity at the reference temperature and its confidence interval, radians per degree.
     offset, quadratic : (...,) arrays
-        Angle at the reference temperature, radians, and curvature, radians per degree squared (zero unless fitted).
+        Angle at the reference temperature, radians, and curvature, radians per degree squared (zero
+        unless fitted).
     lag_s, lag_interval_s : (...,), (..., 2) arrays
-        First-order time constant and its confidence interval (NaN unless fitted), seconds; zero without a lag.
-        The interval goes from 0 to infinity where no lag shows.
+        First-order time constant and its confidence interval (NaN unless fitted), seconds; zero
+        without a lag. The interval goes from 0 to infinity where no lag shows.
     reference_degC : float
         Mean of the temperatures given.
     rms : (...,) array
         Root mean square of what compensation leaves over, radians, outliers included.
     residuals, weights : (n, ...) arrays
-        Model minus angle, radians, and weight of each sample; NaN and 0 where a sample was left out.
+        Model minus angle, radians, and weight of each sample; NaN and 0 where a sample was left
+        out.
     correlation : (...,) array
         Of neighbouring residuals, by which the intervals were widened; 0 for independent errors.
     converged : (...,) bool array
@@ -62,7 +66,7 @@ class SensitivityFit:
     residuals: Floats
     weights: Floats
     correlation: Floats
-    converged: NDArray[np.bool_]
+    converged: Bools
 
     @property
     def k_arcsec_per_degC(self) -> Floats:
@@ -75,7 +79,8 @@ class SensitivityFit:
         return rad_to_arcsec(self.k_interval)
 
     def predict(self, temperature_degC: ArrayLike, *, time_s: ArrayLike | None = None) -> Floats:
-        """Angles, radians (n, ...), that go with a series of temperatures (n,); NaN where the temperature is NaN.
+        """Angles, radians (n, ...), that go with a series of temperatures (n,); NaN where the
+        temperature is NaN.
 
         A fit with a lag needs the times (n,) and starts in equilibrium with the first temperature.
         """
@@ -108,8 +113,9 @@ def fit_sensitivity(
     time_s : (n,) array, optional
         Increasing times; needed with a lag.
     lag_s : float or "fit", optional
-        Time constant of a first-order lag between this temperature and the structure, known or to be fitted. The
-        structure starts in equilibrium with the first temperature, which runs straight between its samples.
+        Time constant of a first-order lag between this temperature and the structure, known or to
+        be fitted. The structure starts in equilibrium with the first temperature, which runs
+        straight between its samples.
     quadratic : bool
         Fit a curvature as well.
     method : "irls" or "ls"
@@ -119,9 +125,9 @@ def fit_sensitivity(
     scale : str or float
         For "irls": as `irls` takes it.
     confidence : float
-        Of the intervals, which follow Student's t distribution, widened by sqrt((1 + r) / (1 - r)) where neighbouring
-        residuals have the correlation r (Bayley and Hammersley 1946). They hold if the law does: what one lag cannot
-        describe moves k itself.
+        Of the intervals, which follow Student's t distribution, widened by sqrt((1 + r) / (1 - r))
+        where neighbouring residuals have the correlation r (Bayley and Hammersley 1946). They hold
+        if the law does: what one lag cannot describe moves k itself.
 
     Returns
     -------
@@ -130,7 +136,8 @@ def fit_sensitivity(
     Raises
     ------
     ValueError
-        If shapes do not match, the temperature does not vary, samples are too few or a lag comes without times.
+        If shapes do not match, the temperature does not vary, samples are too few or a lag comes
+        without times.
 
     Examples
     --------
@@ -143,9 +150,17 @@ def fit_sensitivity(
     """
     temperature = finite_or_nan("temperature_degC", temperature_degC, ndim=1)
     series = finite_or_nan("angles", angles)
-    shape: tuple[int | str, ...] = (temperature.size,) if series.ndim < 2 else (temperature.size, "k")
+    shape: tuple[int | str, ...] = (
+        (temperature.size,) if series.ndim < 2 else (temperature.size, "k")
+    )
     shaped("angles", series, shape, why="to match temperature_degC")
-    lag = 0.0 if lag_s is None else lag_s if lag_s == "fit" else float(positive("lag_s", number("lag_s", lag_s)))
+    lag = (
+        0.0
+        if lag_s is None
+        else lag_s
+        if lag_s == "fit"
+        else float(positive("lag_s", number("lag_s", lag_s)))
+    )
     choice("method", method, ("irls", "ls"))
     law = _Law(
         temperature,
@@ -158,7 +173,11 @@ def fit_sensitivity(
     fits = [law.fit(column, lag, level) for column in series.reshape(temperature.size, -1).T]
     failed = sum(not fit.converged for fit in fits)
     if failed:
-        warnings.warn(f"{failed} of {len(fits)} axes did not converge, see .converged", RuntimeWarning, stacklevel=2)
+        warnings.warn(
+            f"{failed} of {len(fits)} axes did not converge, see .converged",
+            RuntimeWarning,
+            stacklevel=2,
+        )
     return _join(fits) if series.ndim > 1 else fits[0]
 
 
@@ -189,11 +208,16 @@ class _Law:
             (1.0 + correlation) / (1.0 - correlation)
         )
         if lag == "fit":
-            # To first order the logarithm of the lag is one more unknown, and takes its share of the information.
-            slope = (self._design(lag_s * _NUDGE) - self._design(lag_s / _NUDGE))[used] / (2 * np.log(_NUDGE))
+            # To first order the logarithm of the lag is one more unknown, and takes its share of
+            # the information.
+            slope = (self._design(lag_s * _NUDGE) - self._design(lag_s / _NUDGE))[used] / (
+                2 * np.log(_NUDGE)
+            )
             covariance = self._solve(np.column_stack([design, slope @ solved.x]), angle[used]).cov
             with np.errstate(over="ignore"):  # where no lag shows, any is possible
-                lag_interval = lag_s * np.exp(quantile * np.sqrt(covariance[-1, -1]) * np.array([-1, 1]))
+                lag_interval = lag_s * np.exp(
+                    quantile * np.sqrt(covariance[-1, -1]) * np.array([-1, 1])
+                )
         residuals, weights = np.full(angle.size, np.nan), np.zeros(angle.size)
         residuals[used], weights[used] = solved.residuals, solved.weights
         return SensitivityFit(
@@ -211,7 +235,7 @@ class _Law:
             converged=np.asarray(solved.converged),
         )
 
-    def _best_lag(self, angle: Floats, used: NDArray[np.bool_]) -> float:
+    def _best_lag(self, angle: Floats, used: Bools) -> float:
         """Lag with the smallest loss between a tenth of a sample and the whole record."""
         from scipy.optimize import minimize_scalar  # slow to import
 
@@ -229,7 +253,9 @@ class _Law:
         best = int(np.argmin(cost(solved.residuals)))
         around = np.log(tried[[max(best - 1, 0), min(best + 1, _LAGS_TRIED - 1)]])
         found = minimize_scalar(
-            lambda log_lag: float(cost(self._solve(self._design(np.exp(log_lag))[used], angle[used]).residuals)),
+            lambda log_lag: float(
+                cost(self._solve(self._design(np.exp(log_lag))[used], angle[used]).residuals)
+            ),
             bounds=tuple(around),
             method="bounded",
             options={"xatol": 1e-7},
@@ -255,9 +281,13 @@ def _correlation(residuals: Floats) -> float:
 
 
 def _lagged(temperature: Floats, time: Floats | None, lag_s: Floats) -> Floats:
-    """Temperature (n,) behind first-order lags (...): (n, ...); NaN stays NaN, the history runs straight over it."""
+    """Temperature (n,) behind first-order lags (...): (n, ...); NaN stays NaN, the history runs
+    straight over it.
+    """
     known = np.isfinite(temperature)
-    result = np.broadcast_to(temperature.reshape(-1, *[1] * lag_s.ndim), (temperature.size, *lag_s.shape)).copy()
+    result = np.broadcast_to(
+        temperature.reshape(-1, *[1] * lag_s.ndim), (temperature.size, *lag_s.shape)
+    ).copy()
     if time is not None and (lag_s > 0).all():
         lags = {str(i): lag for i, lag in enumerate(lag_s.ravel())}
         network = ThermalNetwork(lags, {}, dict.fromkeys(lags, 1.0))
@@ -285,21 +315,27 @@ def _times(time_s: ArrayLike | None, temperature: Floats, *, needed: bool) -> Fl
 def _check_enough(temperature: Floats, levels: int, unknowns: int) -> None:
     if temperature.size <= unknowns:
         raise ValueError(
-            f"angles must hold more than {unknowns} samples with a temperature, to fit as many unknowns, "
+            f"angles must hold more than {unknowns} samples with a temperature, to fit as many "
+            "unknowns, "
             f"got {temperature.size}"
         )
     spread = np.ptp(temperature)
     if spread <= 1e-9 * np.abs(temperature).max():
-        raise ValueError(f"temperature_degC must vary to give a sensitivity, got {temperature[0]:g} throughout")
+        raise ValueError(
+            f"temperature_degC must vary to give a sensitivity, got {temperature[0]:g} throughout"
+        )
     if np.unique(temperature).size < levels:
-        raise ValueError(f"temperature_degC must take at least {levels} values for a quadratic fit, got 2")
+        raise ValueError(
+            f"temperature_degC must take at least {levels} values for a quadratic fit, got 2"
+        )
 
 
 def _join(fits: list[SensitivityFit]) -> SensitivityFit:
     """Fits of single axes as one, the axes leading but for series."""
     joined = {
         field.name: np.stack(
-            [getattr(fit, field.name) for fit in fits], axis=-1 if field.name in {"residuals", "weights"} else 0
+            [getattr(fit, field.name) for fit in fits],
+            axis=-1 if field.name in {"residuals", "weights"} else 0,
         )
         for field in fields(SensitivityFit)
         if field.name != "reference_degC"

@@ -12,7 +12,7 @@ from losbench.estimation.influence import efficiency
 from losbench.estimation.losses import Huber
 from losbench.estimation.robust import irls, lstsq
 from losbench.estimation.robust.scales import MAD_TO_SIGMA
-from losbench.workbench.smallsystems import spot_rows
+from losbench.workbench.explorers.lab.smallsystems import spot_rows
 
 __all__ = [
     "close",
@@ -53,7 +53,9 @@ def judge_01(d: SimpleNamespace, answer: Any) -> str:
 
 def data_02(rng: np.random.Generator) -> SimpleNamespace:
     """Draw: Huber's weights of given residuals."""
-    return SimpleNamespace(residuals=np.round(rng.standard_t(2, 9) * 3.0, 2), scale=round(rng.uniform(0.5, 2.0), 2))
+    return SimpleNamespace(
+        residuals=np.round(rng.standard_t(2, 9) * 3.0, 2), scale=round(rng.uniform(0.5, 2.0), 2)
+    )
 
 
 def judge_02(d: SimpleNamespace, answer: Any) -> str:
@@ -63,7 +65,10 @@ def judge_02(d: SimpleNamespace, answer: Any) -> str:
     if close(answer, Huber(1.345).weights(d.residuals)):
         return "Large compared with what? The constant 1.345 is in units of the scale."
     if np.max(answer) > 1.0:
-        return "No row counts for more than 1: within 1.345 scales the weight does not rise any further."
+        return (
+            "No row counts for more than 1: within 1.345 scales the weight does not rise any "
+            "further."
+        )
     return "Is the weight psi(u) / u, and what is psi of a residual of the other sign?"
 
 
@@ -80,9 +85,15 @@ def judge_03(d: SimpleNamespace, answer: Any) -> str:
     if close(answer, raw / MAD_TO_SIGMA):
         return ""
     if close(answer, raw):
-        return "The median of |r| of normal errors is not their standard deviation. By what must it be divided?"
+        return (
+            "The median of |r| of normal errors is not their standard deviation. By what must it "
+            "be divided?"
+        )
     if close(answer, np.median(np.abs(d.residuals - np.median(d.residuals))) / MAD_TO_SIGMA):
-        return "Residuals of a fit have their centre where the fit puts it. About which value are they measured here?"
+        return (
+            "Residuals of a fit have their centre where the fit puts it. About which value are "
+            "they measured here?"
+        )
     return "Is it the median of the absolute residuals, made to agree with sigma on normal errors?"
 
 
@@ -97,7 +108,10 @@ def judge_04(d: SimpleNamespace, answer: Any) -> str:
     found = 100.0 * efficiency(Huber(c))
     if abs(found - d.percent) < 0.1:
         return ""
-    return f"That constant has {found:.1f} %. Should it be {'larger' if found < d.percent else 'smaller'}, and why?"
+    return (
+        f"That constant has {found:.1f} %. Should it be "
+        f"{'larger' if found < d.percent else 'smaller'}, and why?"
+    )
 
 
 def data_05(rng: np.random.Generator) -> SimpleNamespace:
@@ -129,7 +143,10 @@ def judge_06(d: SimpleNamespace, answer: Any) -> str:
     """Judge: the bad one of two spots."""
     if answer is None:
         return ""
-    return "Swap the two spots' residuals of the fit. Does anything change that would tell you which one is bad?"
+    return (
+        "Swap the two spots' residuals of the fit. Does anything change that would tell you which "
+        "one is bad?"
+    )
 
 
 def data_07(rng: np.random.Generator) -> SimpleNamespace:
@@ -147,16 +164,27 @@ def judge_07(d: SimpleNamespace, answer: Any) -> str:
     found = design_breakdown(rows, group=np.repeat(np.arange(count), 2))
     given = tuple(answer)
     if len(given) != 2:
-        return "Two numbers are asked for: what a monotone M-estimate survives, and what any estimate could."
+        return (
+            "Two numbers are asked for: what a monotone M-estimate survives, and what any estimate "
+            "could."
+        )
     if given == (found.monotone, found.any):
         return ""
     single = design_breakdown(rows)
     if given == (single.monotone, single.any):
         return "Those are bad rows. A spot goes bad as a whole: which rows belong together?"
-    right = "The other number is right. " if found.monotone == given[0] or found.any == given[1] else ""
+    right = (
+        "The other number is right. " if found.monotone == given[0] or found.any == given[1] else ""
+    )
     if found.any != given[1]:
-        return right + "Any estimate, the second number: by how many must good spots outnumber the bad to be believed?"
-    return right + "A monotone estimate, the first: is there a motion of which so few spots have half of the pull?"
+        return right + (
+            "Any estimate, the second number: by how many must good spots outnumber the bad to "
+            "be believed?"
+        )
+    return right + (
+        "A monotone estimate, the first: is there a motion of which so few spots have half of "
+        "the pull?"
+    )
 
 
 def data_08(rng: np.random.Generator) -> SimpleNamespace:

@@ -56,7 +56,9 @@ class Exercises:
         """Return the data of an exercise; the same ones whenever they are asked for."""
         which = integer("number", number, low=1, high=len(_EXERCISES))
         drawn = vars(self._drawn(which)).items()
-        return SimpleNamespace(**{name: value for name, value in drawn if not name.startswith("hidden_")})
+        return SimpleNamespace(
+            **{name: value for name, value in drawn if not name.startswith("hidden_")}
+        )
 
     def __getattr__(self, name: str) -> Callable[[Any], Judgement]:
         """Find the check of an exercise: ``check.ex05(answer)``."""
@@ -83,7 +85,9 @@ class Exercises:
 
 
 def student_copy(solutions: Mapping[str, Any]) -> dict[str, Any]:
-    """Strip the answers from a notebook of solutions: what stands between "# your answer" and the check."""
+    """Strip the answers from a notebook of solutions: what stands between "# your answer" and the
+    check.
+    """
     cells = []
     for cell in solutions["cells"]:
         kept: list[str] = []

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.checks import integer, shaped
 from losbench.estimation.breakdown import deletion_residuals
 from losbench.estimation.influence import efficiency, gross_error_sensitivity
 from losbench.estimation.losses import Bisquare
 from losbench.estimation.robust import irls, lstsq
-from losbench.pointing.optics import design_matrix
+from losbench.optics.camera import design_matrix
 from losbench.workbench.exercises.basics import close
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "judge_14",
 ]
 
-Floats = NDArray[np.float64]
 
 _RIGHT = 2.0  # standard deviations of a frame without bad spots
 
@@ -52,12 +51,18 @@ def judge_09(d: SimpleNamespace, answer: Any) -> str:
         return ""
     alone = set(np.flatnonzero(np.abs(deletion_residuals(lstsq(d.A, d.y))) > 3.0).tolist())
     if named == alone:
-        return "That is what one finds by leaving out one row at a time. Could several vouch for each other?"
+        return (
+            "That is what one finds by leaving out one row at a time. Could several vouch for each "
+            "other?"
+        )
     if not named:
         return "No row is named. Against which fit did you measure them?"
     if named < truth:
         return "These are bad, and they are not alone."
-    return "Some of these are good. Against which fit did you measure them, and could the bad ones move it?"
+    return (
+        "Some of these are good. Against which fit did you measure them, and could the bad ones "
+        "move it?"
+    )
 
 
 def data_10(rng: np.random.Generator) -> SimpleNamespace:
@@ -99,13 +104,16 @@ def judge_11(d: SimpleNamespace, answer: Any) -> str:
     if close(answer, np.sqrt(huber), rtol=0.02):
         return "That compares standard deviations. Efficiency compares variances."
     return (
-        "The truth is zero, so mean squares of x are errors. Average them over all systems and unknowns, for both fits."
+        "The truth is zero, so mean squares of x are errors. Average them over all systems and "
+        "unknowns, for both fits."
     )
 
 
 def data_12(rng: np.random.Generator) -> SimpleNamespace:
     """Draw: a loss of one's own."""
-    return SimpleNamespace(u=np.linspace(-12.0, 12.0, 2401), least_efficiency=0.9, greatest_influence=1.8)
+    return SimpleNamespace(
+        u=np.linspace(-12.0, 12.0, 2401), least_efficiency=0.9, greatest_influence=1.8
+    )
 
 
 def judge_12(d: SimpleNamespace, answer: Any) -> str:
@@ -121,7 +129,10 @@ def judge_12(d: SimpleNamespace, answer: Any) -> str:
     if kept < d.least_efficiency:
         return f"It keeps {100 * kept:.1f} % on normal errors. Does it doubt too early?"
     if most > d.greatest_influence:
-        return f"One wild value moves it by {most:.2f} scales / n. Where is the pull u w(u) the largest?"
+        return (
+            f"One wild value moves it by {most:.2f} scales / n. Where is the pull u w(u) the "
+            "largest?"
+        )
     return ""
 
 
@@ -130,7 +141,9 @@ def data_13(rng: np.random.Generator) -> SimpleNamespace:
     turn = 2.0 * np.pi * np.arange(8) / 8
     points = np.column_stack([6.0 * np.cos(turn), 6.0 * np.sin(turn), np.full(8, 260.0)])
     angles = rng.normal(0.0, 1e-4, (400, 3))
-    shifts = (angles @ design_matrix(points).T).reshape(400, 8, 2) + 1e-4 * rng.standard_normal((400, 8, 2))
+    shifts = (angles @ design_matrix(points).T).reshape(400, 8, 2) + 1e-4 * rng.standard_normal(
+        (400, 8, 2)
+    )
     ghost = (design_matrix(points) @ [3e-4, -2e-4, 1.5e-2]).reshape(8, 2)
     for frame in range(0, 400, 2):
         bad = rng.choice(8, 3, replace=False)
@@ -144,11 +157,16 @@ def judge_13(d: SimpleNamespace, answer: Any) -> str:
     if angles.shape != (400, 3):
         return f"400 frames have angles of shape (400, 3), in radians; these have {angles.shape}."
     rows = design_matrix(d.points)
-    error = np.abs(angles - d.hidden_truth) / (1e-4 * np.sqrt(np.diag(np.linalg.inv(rows.T @ rows))))
+    error = np.abs(angles - d.hidden_truth) / (
+        1e-4 * np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    )
     if (np.sqrt(np.mean(error**2, axis=0)) < _RIGHT).all():
         return ""
     if (np.quantile(error, 0.25, axis=0) < _RIGHT).all():
-        return "Half of the frames are well. In the others, how many spots of eight are bad, and who survives so many?"
+        return (
+            "Half of the frames are well. In the others, how many spots of eight are bad, and who "
+            "survives so many?"
+        )
     return "These are not the angles yet. Are they in radians, one solve per frame?"
 
 
@@ -157,7 +175,9 @@ def data_14(rng: np.random.Generator) -> SimpleNamespace:
     points = np.array([[5.0, 1.0, 260.0], [-5.0, 2.0, 260.0]])
     rate = rng.normal(0.0, 1e-5, 3) * [1.0, 1.0, 10.0]
     truth = np.outer(np.arange(150.0), rate)
-    shifts = (truth @ design_matrix(points).T).reshape(150, 2, 2) + 1e-4 * rng.standard_normal((150, 2, 2))
+    shifts = (truth @ design_matrix(points).T).reshape(150, 2, 2) + 1e-4 * rng.standard_normal(
+        (150, 2, 2)
+    )
     frames, spots = rng.choice(150, 10, replace=False), rng.integers(0, 2, 10)
     shifts[frames, spots] += 0.01 * np.where(rng.random((10, 2)) < 0.5, -1.0, 1.0)
     bad = sorted(zip(frames.tolist(), spots.tolist(), strict=True))
@@ -170,7 +190,10 @@ def judge_14(d: SimpleNamespace, answer: Any) -> str:
     if truth <= named and len(named - truth) <= 6:
         return ""
     if {frame for frame, _ in truth} <= {frame for frame, _ in named}:
-        return "The frames are right. Which of the two spots is it? A frame alone cannot tell; its neighbours can."
+        return (
+            "The frames are right. Which of the two spots is it? A frame alone cannot tell; its "
+            "neighbours can."
+        )
     if len(named) > 30:
         return "So many? Ten spots at most are thrown far; the others are only noisy."
     return "Some bad spots are missing. How long is the window, and does it survive what it holds?"
@@ -186,8 +209,14 @@ def _rows(answer: Any, count: int) -> set[int]:
 
 
 def _pairs(answer: Any, shape: tuple[int, int]) -> set[tuple[int, int]]:
-    """Pairs (frame, spot) from any collection of them, from a mask, or from what np.nonzero makes of one."""
-    if isinstance(answer, tuple) and len(answer) == 2 and all(isinstance(part, np.ndarray) for part in answer):
+    """Pairs (frame, spot) from any collection of them, from a mask, or from what np.nonzero makes
+    of one.
+    """
+    if (
+        isinstance(answer, tuple)
+        and len(answer) == 2
+        and all(isinstance(part, np.ndarray) for part in answer)
+    ):
         given = np.stack(answer, axis=1)
     else:
         given = np.asarray(list(answer))
@@ -198,7 +227,9 @@ def _pairs(answer: Any, shape: tuple[int, int]) -> set[tuple[int, int]]:
 
 
 def _borderline(d: SimpleNamespace) -> list[set[int]]:
-    """Sets of at most two good rows that are rather far from the line of the good ones: a method may doubt them too."""
+    """Sets of at most two good rows that are rather far from the line of the good ones: a method
+    may doubt them too.
+    """
     good = np.array([row for row in range(len(d.y)) if row not in d.hidden_truth])
     fit = lstsq(d.A[good], d.y[good])
     far = good[fit.outliers(1.5)].tolist()

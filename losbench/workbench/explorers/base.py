@@ -1,4 +1,6 @@
-"""The base of all explorers: controls, one picture that follows them, its numbers as text, and its code to copy."""
+"""The base of all explorers: controls, one picture that follows them, its numbers as text, and its
+code to copy.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,10 @@ _LINE = 80  # characters of code that fit into a line of a narrow page
 class Explorer(widgets.VBox):  # type: ignore[misc]
     """Sliders over a picture that follows them.
 
-    An explorer names its ``controls``, builds its figure once, moves the artists of that figure, and says which call
-    of the library gives the same numbers. A ``ValueError`` or a warning on the way is a message in the widget. Every
-    picture carries in its PNG description which settings it shows, the text of ``stated``.
+    An explorer names its ``controls``, builds its figure once, moves the artists of that figure,
+    and says which call of the library gives the same numbers. A ``ValueError`` or a warning on the
+    way is a message in the widget. Every picture carries in its PNG description which settings it
+    shows, the text of ``stated``.
 
     Parameters
     ----------
@@ -52,7 +55,10 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
     def __init__(self, **start: Any) -> None:
         unknown = sorted(set(start) - set(self.controls))
         if unknown:
-            raise ValueError(f"{type(self).__name__} has no {', '.join(unknown)}; it has {', '.join(self.controls)}")
+            raise ValueError(
+                f"{type(self).__name__} has no {', '.join(unknown)}; it has "
+                f"{', '.join(self.controls)}"
+            )
         first = {name: start.get(name, control.value) for name, control in self.controls.items()}
         self.inputs = {name: control.widget(first[name]) for name, control in self.controls.items()}
         self._begin = {name: each.value for name, each in self.inputs.items()}
@@ -61,7 +67,10 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         )
         self.message, self.numbers = widgets.HTML(), widgets.HTML()
         self.copy_as_code = widgets.Textarea(
-            description="copy as code", rows=1, style={"description_width": "7em"}, layout={"width": "98%"}
+            description="copy as code",
+            rows=1,
+            style={"description_width": "7em"},
+            layout={"width": "98%"},
         )
         super().__init__([self._panel(), self.message, self.image, self.numbers, self.copy_as_code])
         self._draw_once()
@@ -70,11 +79,15 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         _retire_earlier_runs(self)
 
     def build(self, figure: Figure) -> Sequence[Artist]:
-        """Draw axes and artists into an empty figure, keep the artists, and return those that `update` moves."""
+        """Draw axes and artists into an empty figure, keep the artists, and return those that
+        `update` moves.
+        """
         raise NotImplementedError
 
     def update(self, *args: Any, **settings: Any) -> Mapping[str, str]:
-        """Move the artists to where the settings put them; return the numbers to be read beside the picture."""
+        """Move the artists to where the settings put them; return the numbers to be read beside the
+        picture.
+        """
         raise NotImplementedError
 
     def code(self, *args: Any, **settings: Any) -> str:
@@ -84,15 +97,21 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
     @property
     def settings(self) -> dict[str, Any]:
         """The value of every control by name; ``ValueError`` where a field holds nonsense."""
-        return {name: control.read(self.inputs[name].value) for name, control in self.controls.items()}
+        return {
+            name: control.read(self.inputs[name].value) for name, control in self.controls.items()
+        }
 
     def reset(self, *_: Any) -> None:
         """Go back to the first settings."""
         self._put(self._begin)
 
     def preset(self, name: str) -> None:
-        """Show a preset: the first settings, its own seed and all, with the values of the preset in their place."""
-        values = {each: self.controls[each].held(value) for each, value in self.presets[name].items()}
+        """Show a preset: the first settings, its own seed and all, with the values of the preset in
+        their place.
+        """
+        values = {
+            each: self.controls[each].held(value) for each, value in self.presets[name].items()
+        }
         self._put(self._begin | values)
 
     def new_noise(self, *_: Any) -> None:
@@ -135,7 +154,12 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
             buttons.append(widgets.Button(description="new noise", tooltip="the next seed"))
             buttons[-1].on_click(self.new_noise)
         wrap = {"flex_flow": "row wrap"}
-        return widgets.VBox([widgets.Box(list(self.inputs.values()), layout=wrap), widgets.Box(buttons, layout=wrap)])
+        return widgets.VBox(
+            [
+                widgets.Box(list(self.inputs.values()), layout=wrap),
+                widgets.Box(buttons, layout=wrap),
+            ]
+        )
 
     def _put(self, values: Mapping[str, Any]) -> None:
         """Set several widgets, and draw once."""
@@ -163,7 +187,9 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         self._follow()
 
     def _follow(self, _change: Any = None) -> None:
-        """Bring picture, numbers and code to the present settings, or say what is wrong with them."""
+        """Bring picture, numbers and code to the present settings, or say what is wrong with
+        them.
+        """
         if self._paused or self._picture is None:
             return
         try:
@@ -175,7 +201,9 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
             self.message.value = _notes([str(problem)])
             return
         self.message.value = _notes([str(warning.message) for warning in caught])
-        self.stated = "; ".join(self.controls[name].stated(value) for name, value in settings.items())
+        self.stated = "; ".join(
+            self.controls[name].stated(value) for name, value in settings.items()
+        )
         self.image.value = self._picture.png(self.stated)
         self.numbers.value = _readout(numbers)
         self.copy_as_code.value = code = self.code(**settings)
@@ -183,12 +211,15 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
 
 
 def _notes(texts: Sequence[str]) -> str:
-    return "".join(f'<div role="alert"><b>Note:</b> {escape(text)}</div>' for text in dict.fromkeys(texts))
+    return "".join(
+        f'<div role="alert"><b>Note:</b> {escape(text)}</div>' for text in dict.fromkeys(texts)
+    )
 
 
 def _readout(numbers: Mapping[str, str]) -> str:
     cells = "".join(
-        f'<div style="margin: 0 1.6em .3em 0; line-height: 1.35"><small>{escape(label)}</small><br>{escape(text)}</div>'
+        '<div style="margin: 0 1.6em .3em 0; line-height: '
+        f'1.35"><small>{escape(label)}</small><br>{escape(text)}</div>'
         for label, text in numbers.items()
     )
     return f'<div style="display: flex; flex-wrap: wrap">{cells}</div>'
@@ -209,7 +240,9 @@ _shown: dict[str, tuple[str, WeakSet[Explorer]]] = {}
 
 
 def _retire_earlier_runs(explorer: Explorer) -> None:
-    """Close the explorers that an earlier run of the same cell made: nobody can see them any more."""
+    """Close the explorers that an earlier run of the same cell made: nobody can see them any
+    more.
+    """
     cell, run = _running_cell()
     if not cell:
         return
@@ -223,7 +256,9 @@ def _retire_earlier_runs(explorer: Explorer) -> None:
 
 
 def _running_cell() -> tuple[str, str]:
-    """Return the notebook cell that runs and the request that runs it, empty outside of a front end that says so."""
+    """Return the notebook cell that runs and the request that runs it, empty outside of a front end
+    that says so.
+    """
     from IPython.core.getipython import get_ipython
 
     kernel = getattr(get_ipython(), "kernel", None)

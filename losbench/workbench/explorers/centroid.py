@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.figures import COLOURS
 from losbench.imaging.centroid import centroid, window_path
 from losbench.imaging.detector import Detector
@@ -17,12 +17,18 @@ from losbench.imaging.results import SpotFlag
 from losbench.imaging.spots import render_spots
 from losbench.imaging.stamps import peak_pixels
 from losbench.workbench.explorers.base import Explorer
-from losbench.workbench.explorers.controls import Choice, Control, Field, LogSlider, Slider, whole_number
+from losbench.workbench.explorers.controls import (
+    Choice,
+    Control,
+    Field,
+    LogSlider,
+    Slider,
+    whole_number,
+)
 from losbench.workbench.explorers.picture import round_up
 
 __all__ = ["CentroidExplorer"]
 
-Floats = NDArray[np.float64]
 
 _SIZE = 61
 _TRUTH = np.array([30.31, 29.83])
@@ -53,11 +59,17 @@ class CentroidExplorer(Explorer):
         "offset_px": Slider("start off by", 2.0, 0.0, 4.0, 0.1, "px"),
         "hot_e": Slider("hot pixel", 0, 0, 20000, 500, "e⁻"),
         "method": Choice("method", {name: name for name in _METHODS}, "EIWA, Newton"),
-        "background": Choice("background taken off", {"plane of a ring": "ring", "none": "none"}, "ring"),
+        "background": Choice(
+            "background taken off", {"plane of a ring": "ring", "none": "none"}, "ring"
+        ),
         "seed": Field("seed", 0, whole_number),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {
-        "as in the paper": {"method": "EIWA, stops on a small step", "background": "none", "window_px": 13},
+        "as in the paper": {
+            "method": "EIWA, stops on a small step",
+            "background": "none",
+            "window_px": 13,
+        },
         "faint, on a pedestal": {
             "flux_e": 8000.0,
             "background_e": 400.0,
@@ -70,7 +82,8 @@ class CentroidExplorer(Explorer):
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw the spot, the trace over evaluations, the S-curve and the errors of many frames."""
         panels = figure.subplot_mosaic(
-            [["spot", "trace", "errors"], ["spot", "s_curve", "errors"]], width_ratios=(1.25, 1, 1.1)
+            [["spot", "trace", "errors"], ["spot", "s_curve", "errors"]],
+            width_ratios=(1.25, 1, 1.1),
         )
         self._axes = panels
         self._image = panels["spot"].imshow(np.zeros((_SIZE, _SIZE)), cmap="gray")
@@ -85,11 +98,18 @@ class CentroidExplorer(Explorer):
         panels["trace"].set(title="centre − truth (px)", xlabel="evaluation", ylim=(1e-5, 10.0))
         (self._s_curve,) = panels["s_curve"].plot([], [], color=COLOURS["green"])
         panels["s_curve"].set(
-            title="S-curve (mpx)", xlabel="place on the pixel (px)", xlim=(-0.5, 0.5), xticks=[-0.5, 0, 0.5]
+            title="S-curve (mpx)",
+            xlabel="place on the pixel (px)",
+            xlim=(-0.5, 0.5),
+            xticks=[-0.5, 0, 0.5],
         )
         (self._cloud,) = panels["errors"].plot([], [], ".", ms=4, color=COLOURS["sky"])
-        (self._this,) = panels["errors"].plot([], [], "o", ms=6, color=COLOURS["vermilion"], label="this frame")
-        (self._ellipse,) = panels["errors"].plot([], [], "--", lw=1.2, color=COLOURS["black"], label="predicted sigma")
+        (self._this,) = panels["errors"].plot(
+            [], [], "o", ms=6, color=COLOURS["vermilion"], label="this frame"
+        )
+        (self._ellipse,) = panels["errors"].plot(
+            [], [], "--", lw=1.2, color=COLOURS["black"], label="predicted sigma"
+        )
         panels["errors"].set(xlabel="x (mpx)", ylabel="y (mpx)", aspect="equal", adjustable="box")
         panels["errors"].set_title(f"errors of {_FRAMES} frames")
         panels["errors"].legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.05, -0.27))
@@ -110,9 +130,18 @@ class CentroidExplorer(Explorer):
         ]
 
     def update(
-        self, *, offset_px: float, window_px: int, method: str, background: str, seed: int, **scene: Any
+        self,
+        *,
+        offset_px: float,
+        window_px: int,
+        method: str,
+        background: str,
+        seed: int,
+        **scene: Any,
     ) -> Mapping[str, str]:
-        """Expose the spot many times, measure it each time, and once without noise in places across a pixel."""
+        """Expose the spot many times, measure it each time, and once without noise in places across
+        a pixel.
+        """
         detector, light = _scene(**scene)
         how: dict[str, Any] = {**_METHODS[method], "window": window_px, "background": background}
         start = _TRUTH + offset_px * np.array([0.8, -0.6])
@@ -122,7 +151,9 @@ class CentroidExplorer(Explorer):
         path = _path(frames[0], start, found.xy[0, 0], method, window_px, background)
         places = _TRUTH.round() + np.stack([_PHASES, 0.0 * _PHASES], axis=-1)
         quiet = light(places) / _GAIN_E + _OFFSET_DN
-        s_curve = centroid(quiet, (places + start - _TRUTH)[:, None], **how).xy[:, 0, 0] - places[:, 0]
+        s_curve = (
+            centroid(quiet, (places + start - _TRUTH)[:, None], **how).xy[:, 0, 0] - places[:, 0]
+        )
         self._show_spot(frames[0], path, window_px)
         self._show_numbers(path, errors, sigma, s_curve)
         with np.errstate(invalid="ignore"):
@@ -157,11 +188,22 @@ class CentroidExplorer(Explorer):
         self._axes["s_curve"].set_ylim(-high, high)
         self._cloud.set_data(*(1e3 * errors.T))
         self._this.set_data(*(1e3 * errors[:1].T))
-        self._ellipse.set_data(*(1e3 * sigma[0][:, None] * np.stack([np.cos(_TURN), np.sin(_TURN)])))
+        self._ellipse.set_data(
+            *(1e3 * sigma[0][:, None] * np.stack([np.cos(_TURN), np.sin(_TURN)]))
+        )
         limit = round_up([*(1e3 * errors.ravel()), *(1e3 * sigma[0])])
         self._axes["errors"].set(xlim=(-limit, limit), ylim=(-limit, limit))
 
-    def code(self, *, offset_px: float, window_px: int, method: str, background: str, seed: int, **scene: Any) -> str:
+    def code(
+        self,
+        *,
+        offset_px: float,
+        window_px: int,
+        method: str,
+        background: str,
+        seed: int,
+        **scene: Any,
+    ) -> str:
         """Return the exposure and the call of `centroid`."""
         options = "".join(f", {name}={value!r}" for name, value in _METHODS[method].items())
         hot = f", hot_pixels=(({_HOT[0]}, {_HOT[1]}, {scene['hot_e']}),)" if scene["hot_e"] else ""
@@ -182,21 +224,40 @@ print(1e3 * (found.xy[0, 0] - truth), 1e3 * found.sigma_xy[0, 0])"""
 
 
 def _scene(
-    *, flux_e: float, read_noise_e: float, background_e: float, gradient_e: float, diameter_px: float, hot_e: int
+    *,
+    flux_e: float,
+    read_noise_e: float,
+    background_e: float,
+    gradient_e: float,
+    diameter_px: float,
+    hot_e: int,
 ) -> tuple[Detector, Any]:
-    """Return the detector, and the electrons to expect of frames with the spot at the places (..., 2)."""
+    """Return the detector, and the electrons to expect of frames with the spot at the places (...,
+    2).
+    """
     hot = ((*_HOT, float(hot_e)),) if hot_e else ()
-    detector = Detector(gain_e_per_dn=_GAIN_E, offset_dn=_OFFSET_DN, read_noise_e=read_noise_e, hot_pixels=hot)
+    detector = Detector(
+        gain_e_per_dn=_GAIN_E, offset_dn=_OFFSET_DN, read_noise_e=read_noise_e, hot_pixels=hot
+    )
     ramp = background_e + gradient_e * np.arange(_SIZE)
-    return detector, lambda xy: render_spots(xy[..., None, :], flux_e, diameter_px / 4, (_SIZE, _SIZE)) + ramp
+    return (
+        detector,
+        lambda xy: render_spots(xy[..., None, :], flux_e, diameter_px / 4, (_SIZE, _SIZE)) + ramp,
+    )
 
 
-def _path(frame: Any, start: Floats, found: Floats, method: str, window_px: int, background: str) -> Floats:
-    """Where the window stood, one row for each evaluation; other windows stay, and only their centroid is elsewhere."""
+def _path(
+    frame: Any, start: Floats, found: Floats, method: str, window_px: int, background: str
+) -> Floats:
+    """Where the window stood, one row for each evaluation; other windows stay, and only their
+    centroid is elsewhere.
+    """
     options = dict(_METHODS[method])
     kind = options.pop("method")
     if kind == "eiwa":
-        return window_path(frame, start, window=window_px, background=background, **{"stop": "error", **options})
+        return window_path(
+            frame, start, window=window_px, background=background, **{"stop": "error", **options}
+        )
     on_peak = kind == "grey" and "centre" not in options
     first = peak_pixels(frame, start[None], window_px // 4)[0] if on_peak else start.round()
     return np.stack([first, np.where(np.isnan(found), first, found)])

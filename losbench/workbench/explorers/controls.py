@@ -1,4 +1,6 @@
-"""What a reader can turn: sliders, choices and fields, each with its label, unit and way of reading its value."""
+"""What a reader can turn: sliders, choices and fields, each with its label, unit and way of reading
+its value.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +81,9 @@ class Slider:
 
 @dataclass(frozen=True)
 class LogSlider:
-    """A positive number from ``low`` to ``high`` in about equal ratios, twenty round numbers in a factor of ten."""
+    """A positive number from ``low`` to ``high`` in about equal ratios, twenty round numbers in a
+    factor of ten.
+    """
 
     label: str
     value: float
@@ -119,7 +123,9 @@ class Choice:
 
     def __post_init__(self) -> None:
         if None in self.options.values():
-            raise ValueError(f"{self.label} must not offer None, which a list shows as nothing selected")
+            raise ValueError(
+                f"{self.label} must not offer None, which a list shows as nothing selected"
+            )
 
     def held(self, value: Any) -> Any:
         """Return what the name stands for, if it is offered."""
@@ -131,7 +137,9 @@ class Choice:
     def widget(self, value: Any) -> Any:
         """Make the drop-down list."""
         offered = list(self.options.items())
-        return widgets.Dropdown(options=offered, value=self.held(value), description=self.label, **_WIDTHS)
+        return widgets.Dropdown(
+            options=offered, value=self.held(value), description=self.label, **_WIDTHS
+        )
 
     def read(self, value: Any) -> Any:
         """Return what the name stands for."""
@@ -139,7 +147,9 @@ class Choice:
 
     def stated(self, value: Any) -> str:
         """Say label and name."""
-        return f"{self.label} {next(name for name, option in self.options.items() if option == value)}"
+        return (
+            f"{self.label} {next(name for name, option in self.options.items() if option == value)}"
+        )
 
 
 @dataclass(frozen=True)
@@ -157,7 +167,9 @@ class Field:
 
     def widget(self, value: Any) -> Any:
         """Make the field."""
-        return widgets.Text(value=self.held(value), continuous_update=False, description=_named(self), **_WIDTHS)
+        return widgets.Text(
+            value=self.held(value), continuous_update=False, description=_named(self), **_WIDTHS
+        )
 
     def read(self, value: str) -> Any:
         """Parse the text; the message of a ``ValueError`` begins with the label."""
@@ -169,7 +181,9 @@ class Field:
 
 
 class _Stepped(widgets.HBox, widgets.ValueWidget):  # type: ignore[misc]
-    """A slider over chosen numbers, with the present one beside it: into its own readout a reader can type anything."""
+    """A slider over chosen numbers, with the present one beside it: into its own readout a reader
+    can type anything.
+    """
 
     value = traitlets.Float()
     description = traitlets.Unicode()
@@ -185,7 +199,9 @@ class _Stepped(widgets.HBox, widgets.ValueWidget):  # type: ignore[misc]
         )
         in_the_middle = {"display": "flex", "justify_content": "center"}
         readout = widgets.Label(layout={"width": f"{_READOUT_PX}px", **in_the_middle})
-        super().__init__([slider, readout], value=value, description=description, layout={"margin": "2px"})
+        super().__init__(
+            [slider, readout], value=value, description=description, layout={"margin": "2px"}
+        )
         # The readout first: it need not wait for the picture that follows the value.
         traitlets.dlink((slider, "label"), (readout, "value"))
         traitlets.link((slider, "value"), (self, "value"))
@@ -202,7 +218,9 @@ def numbers(count: int, *, low: float, high: float) -> Callable[[str, str], tupl
     def parse(label: str, text: str) -> tuple[float, ...]:
         parts = [part for part in text.replace(";", ",").split(",") if part.strip()]
         if len(parts) != count:
-            raise ValueError(f"{label} must be {count} numbers separated by commas, got {len(parts)}")
+            raise ValueError(
+                f"{label} must be {count} numbers separated by commas, got {len(parts)}"
+            )
         return tuple(number(label, _number(label, part), low=low, high=high) for part in parts)
 
     return parse

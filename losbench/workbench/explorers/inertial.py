@@ -1,4 +1,6 @@
-"""One smeared star of lyu2015 as something to turn: how a vibration, a spot and a gyro make an error."""
+"""One smeared star of lyu2015 as something to turn: how a vibration, a spot and a gyro make an
+error.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +14,20 @@ from matplotlib.figure import Figure
 
 from losbench.figures import COLOURS
 from losbench.imaging.detector import Detector
-from losbench.papers.lyu2015.images import Exposures, expose
-from losbench.papers.lyu2015.setting import Setting
-from losbench.pointing.inertial.gyro import Gyro
-from losbench.pointing.inertial.path import AttitudePath
-from losbench.pointing.inertial.vibration import Vibration
+from losbench.optics.motion.gyro import Gyro
+from losbench.optics.motion.path import AttitudePath
+from losbench.optics.motion.vibration import Vibration
+from losbench.papers.lyu2015.scenario import Setting
+from losbench.papers.lyu2015.twin import Exposures, expose
 from losbench.workbench.explorers.base import Explorer
-from losbench.workbench.explorers.controls import Choice, Control, Field, LogSlider, Slider, whole_number
+from losbench.workbench.explorers.controls import (
+    Choice,
+    Control,
+    Field,
+    LogSlider,
+    Slider,
+    whole_number,
+)
 
 __all__ = ["InertialExplorer"]
 
@@ -32,7 +41,9 @@ _METHODS: dict[str, tuple[str, str, dict[str, Any]]] = {
 
 
 class InertialExplorer(Explorer):
-    """A star that smears for 25 ms, its true path, the gyro's, and where each method puts the star at the end."""
+    """A star that smears for 25 ms, its true path, the gyro's, and where each method puts the star
+    at the end.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "rate_deg_s": Slider("largest rate", 3.0, 0.0, 5.0, 0.1, "°/s"),
@@ -43,7 +54,9 @@ class InertialExplorer(Explorer):
         "gyro_rate_hz": Choice(
             "gyro rate", {"80 Hz": 80.0, "200 Hz": 200.0, "400 Hz": 400.0, "1000 Hz": 1000.0}, 200.0
         ),
-        "interpolation": Choice("between its samples", {"straight lines": "linear", "spline": "spline"}, "linear"),
+        "interpolation": Choice(
+            "between its samples", {"straight lines": "linear", "spline": "spline"}, "linear"
+        ),
         "bias_deg_h": LogSlider("gyro bias", 0.1, 0.01, 1000.0, unit="°/h"),
         "late_ms": Slider("gyro late by", 0.0, -3.0, 3.0, 0.05, "ms"),
         "flux_e": LogSlider("light of the star", 20000.0, 1000.0, 1e5, unit="e⁻"),
@@ -59,24 +72,39 @@ class InertialExplorer(Explorer):
     size_in = (8.4, 4.4)
 
     def build(self, figure: Figure) -> Sequence[Artist]:
-        """Draw the window with its paths on the left and the offsets of the methods on the right."""
+        """Draw the window with its paths on the left and the offsets of the methods on the
+        right.
+        """
         self._sky, self._near = figure.subplots(1, 2)
         self._image = self._sky.imshow(np.zeros((2, 2)), cmap="Greys", vmin=0.0, vmax=1.0)
         (self._true,) = self._sky.plot([], [], color=COLOURS["sky"], lw=2.0, label="true path")
-        (self._gyro,) = self._sky.plot([], [], ".", color=COLOURS["vermilion"], ms=5, label="gyro's path")
-        self._sky.set(xlim=(-_HALF_PX, _HALF_PX), ylim=(_HALF_PX, -_HALF_PX), xlabel="x (px)", ylabel="y (px)")
+        (self._gyro,) = self._sky.plot(
+            [], [], ".", color=COLOURS["vermilion"], ms=5, label="gyro's path"
+        )
+        self._sky.set(
+            xlim=(-_HALF_PX, _HALF_PX), ylim=(_HALF_PX, -_HALF_PX), xlabel="x (px)", ylabel="y (px)"
+        )
         self._sky.yaxis.set_label_coords(-0.16, 0.5)
         self._sky.grid(visible=False)
         self._marks, self._offsets = [], []
         for name, (marker, colour, _) in {"plain centroid": ("^", "green", {}), **_METHODS}.items():
-            style = {"marker": marker, "color": COLOURS[colour], "ls": "none", "mfc": "none", "ms": 9, "mew": 1.6}
+            style = {
+                "marker": marker,
+                "color": COLOURS[colour],
+                "ls": "none",
+                "mfc": "none",
+                "ms": 9,
+                "mew": 1.6,
+            }
             self._marks += self._sky.plot([], [], label=name, **style)
             self._offsets += self._near.plot([], [], **style)
         self._near.plot(0.0, 0.0, "*", color=COLOURS["black"], ms=12)
         self._near.set(xlabel="x off the star at the end (px)", ylabel="y off (px)", aspect="equal")
         self._near.locator_params(nbins=5)
         self._near.set_title("★ the star when the exposure ends", fontsize=10)
-        self._sky.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.05, -0.17), ncols=3, columnspacing=1.0)
+        self._sky.legend(
+            fontsize=8, loc="upper left", bbox_to_anchor=(-0.05, -0.17), ncols=3, columnspacing=1.0
+        )
         return [self._image, self._true, self._gyro, *self._marks, *self._offsets]
 
     def update(
@@ -101,9 +129,13 @@ class InertialExplorer(Explorer):
         errors = {name: f"{np.linalg.norm(xy - shot.end[0]):.4f} px" for name, xy in places.items()}
         track = shot.truth.tracks(shot.start, setting.camera)[0, 0]
         length = np.linalg.norm(np.diff(track, axis=0), axis=1).sum()
-        return {f"error, {name}": text for name, text in errors.items()} | {"length of the track": f"{length:.2f} px"}
+        return {f"error, {name}": text for name, text in errors.items()} | {
+            "length of the track": f"{length:.2f} px"
+        }
 
-    def _show(self, shot: Exposures, path: AttitudePath, light: Any, places: Mapping[str, Any]) -> None:
+    def _show(
+        self, shot: Exposures, path: AttitudePath, light: Any, places: Mapping[str, Any]
+    ) -> None:
         camera, middle = shot.setting.camera, np.array(_STAR_PX)
         x, y = shot.origin[0, 0] - middle - 0.5
         high, wide = light.shape
@@ -113,21 +145,24 @@ class InertialExplorer(Explorer):
         self._true.set_data(*(shot.truth.tracks(shot.start, camera)[0, 0] - middle).T)
         self._gyro.set_data(*(path.tracks(shot.end[None], camera, epoch="end")[0, 0] - middle).T)
         offsets = np.array([xy - shot.end[0] for xy in places.values()])
-        for mark, spot, xy, offset in zip(self._marks, self._offsets, places.values(), offsets, strict=True):
+        for mark, spot, xy, offset in zip(
+            self._marks, self._offsets, places.values(), offsets, strict=True
+        ):
             mark.set_data(*(xy - middle)[:, None])
             spot.set_data(*offset[:, None])
         reach = 1.3 * max(float(np.nanmax(np.abs(offsets[1:]), initial=0.0)), 0.004)
         reach = float(f"{reach:.1g}") + 10.0 ** np.floor(np.log10(reach))
         self._near.set(xlim=(-reach, reach), ylim=(reach, -reach))
 
-    def code(self, *, sigma_px: float, flux_e: float, read_noise_e: float, seed: int, **motion: Any) -> str:
+    def code(
+        self, *, sigma_px: float, flux_e: float, read_noise_e: float, seed: int, **motion: Any
+    ) -> str:
         """Return the exposure and the iterative method."""
         values = {name: motion[name] for name in motion}
         return f"""\
 import numpy as np
 import losbench as lb
-from losbench.papers.lyu2015.images import expose
-from losbench.papers.lyu2015.setting import Setting
+from losbench.papers.lyu2015 import Setting, expose
 
 setting = Setting(sigma_px={sigma_px}, read_noise_e={read_noise_e})
 rate = np.radians({values["rate_deg_s"]}) * np.array([[{values["ellipse"]}, 1.0, 0.0]])

@@ -1,4 +1,6 @@
-"""Fig. 1 of liu2026 as something to turn: which precision, optics and layout of spots give which pointing error?"""
+"""Fig. 1 of liu2026 as something to turn: which precision, optics and layout of spots give which
+pointing error?
+"""
 
 from __future__ import annotations
 
@@ -10,21 +12,37 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from losbench.figures import COLOURS
-from losbench.papers.liu2026.geometry import MonteCarlo, figure_1
+from losbench.papers.liu2026.results.geometry import figure_1
+from losbench.papers.liu2026.scenario import MonteCarlo
 from losbench.pointing.attitude import attitude_covariance
 from losbench.units import rad_to_arcsec
 from losbench.workbench.explorers.base import Explorer
-from losbench.workbench.explorers.controls import Choice, Control, Field, LogSlider, Slider, whole_number
+from losbench.workbench.explorers.controls import (
+    Choice,
+    Control,
+    Field,
+    LogSlider,
+    Slider,
+    whole_number,
+)
 from losbench.workbench.explorers.picture import round_up
 
 __all__ = ["MonteCarloExplorer"]
 
 _THINNED = 8  # one trial in eight is drawn; the numbers come from all
-_PAPER = {"precision_px": 0.1, "focal_mm": 475.0, "pixel_um": 4.5, "separation_mm": 10.0, "offset_mm": 75.0}
+_PAPER = {
+    "precision_px": 0.1,
+    "focal_mm": 475.0,
+    "pixel_um": 4.5,
+    "separation_mm": 10.0,
+    "offset_mm": 75.0,
+}
 
 
 class MonteCarloExplorer(Explorer):
-    """5000 trials of noise on two spots (liu2026, section 2.2), and the errors about three axes (Fig. 1)."""
+    """5000 trials of noise on two spots (liu2026, section 2.2), and the errors about three axes
+    (Fig. 1).
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "precision_px": LogSlider("centroid precision", 0.1, 0.001, 1.0, unit="px"),
@@ -32,8 +50,12 @@ class MonteCarloExplorer(Explorer):
         "pixel_um": Slider("pixel size", 4.5, 1.0, 20.0, 0.5, "µm"),
         "separation_mm": Slider("spots apart, along x", 10.0, 0.5, 40.0, 0.5, "mm"),
         "offset_mm": Slider("spot offset, along y", 75.0, 0.0, 100.0, 0.5, "mm"),
-        "model": Choice("rows of A", {"paper, eq. (2)": "paper", "pinhole, exact": "pinhole"}, "paper"),
-        "noise": Choice("precision is", {"three sigma, clipped": "clipped", "one sigma": "gaussian"}, "clipped"),
+        "model": Choice(
+            "rows of A", {"paper, eq. (2)": "paper", "pinhole, exact": "pinhole"}, "paper"
+        ),
+        "noise": Choice(
+            "precision is", {"three sigma, clipped": "clipped", "one sigma": "gaussian"}, "clipped"
+        ),
         "seed": Field("seed", MonteCarlo.seed, whole_number),
     }
     presets: ClassVar[dict[str, dict[str, Any]]] = {
@@ -52,9 +74,13 @@ class MonteCarloExplorer(Explorer):
         for axes, name, colour in zip(panels, "XYZ", ("blue", "vermilion", "green"), strict=True):
             (line,) = axes.plot(trials, np.zeros(trials.size), color=COLOURS[colour], lw=0.6)
             self._lines.append(line)
-            self._bands += [axes.axhline(0.0, color=COLOURS["black"], lw=1.0, ls="--") for _ in range(2)]
+            self._bands += [
+                axes.axhline(0.0, color=COLOURS["black"], lw=1.0, ls="--") for _ in range(2)
+            ]
             axes.set(ylabel=f"{name} error (″)", xlim=(1, MonteCarlo.trials))
-        panels[0].set_title("errors of 5000 trials (every 8th drawn); dashed: one sigma, closed form", fontsize=10)
+        panels[0].set_title(
+            "errors of 5000 trials (every 8th drawn); dashed: one sigma, closed form", fontsize=10
+        )
         panels[-1].set_xlabel("trial")
         return [*self._lines, *self._bands]
 
@@ -62,32 +88,57 @@ class MonteCarloExplorer(Explorer):
         """Run the trials and compare them with the closed form."""
         scenario = MonteCarlo(noise=noise, **_fields(**setting))
         run = figure_1(scenario, model=model)
-        sigma_mm = setting["precision_px"] * scenario.pixel_um * 1e-3 / (3.0 if noise == "clipped" else 1.0)
-        closed = rad_to_arcsec(np.sqrt(np.diag(attitude_covariance(scenario.points_mm, sigma_mm, model=model))))
+        sigma_mm = (
+            setting["precision_px"]
+            * scenario.pixel_um
+            * 1e-3
+            / (3.0 if noise == "clipped" else 1.0)
+        )
+        closed = rad_to_arcsec(
+            np.sqrt(np.diag(attitude_covariance(scenario.points_mm, sigma_mm, model=model)))
+        )
         errors = run.errors_arcsec[:, 0]
         for k, axes in enumerate(self._axes):
             self._lines[k].set_ydata(errors[::_THINNED, k])
             for band, sign in zip(self._bands[2 * k : 2 * k + 2], (-1.0, 1.0), strict=True):
                 band.set_ydata([sign * closed[k]] * 2)
-            # In two steps, so that a change of precision meets the limits of all axes at once, and seldom.
-            limit = round_up(setting["precision_px"]) * round_up(4.2 * closed[k] / setting["precision_px"])
+            # In two steps, so that a change of precision meets the limits of all axes at once, and
+            # seldom.
+            limit = round_up(setting["precision_px"]) * round_up(
+                4.2 * closed[k] / setting["precision_px"]
+            )
             axes.set_ylim(-limit, limit)
-        rows = {"RMS": run.sigma_arcsec[0], "peak": run.peak_arcsec[0], "one sigma, closed form": closed}
-        return {f"{name} X · Y · Z (″)": " · ".join(f"{v:.3g}" for v in values) for name, values in rows.items()}
+        rows = {
+            "RMS": run.sigma_arcsec[0],
+            "peak": run.peak_arcsec[0],
+            "one sigma, closed form": closed,
+        }
+        return {
+            f"{name} X · Y · Z (″)": " · ".join(f"{v:.3g}" for v in values)
+            for name, values in rows.items()
+        }
 
     def code(self, *, model: str, noise: str, **setting: Any) -> str:
         """Return the call of `figure_1`."""
         arguments = "".join(
-            f"    {name}={value!r},\n" for name, value in {**_fields(**setting), "noise": noise}.items()
+            f"    {name}={value!r},\n"
+            for name, value in {**_fields(**setting), "noise": noise}.items()
         )
         return (
-            "from losbench.papers.liu2026.geometry import MonteCarlo, figure_1\n\n"
-            f"run = figure_1(\n  MonteCarlo(\n{arguments}  ),\n  model={model!r},\n)\nprint(run.sigma_arcsec)"
+            "from losbench.papers.liu2026 import MonteCarlo, figure_1\n\n"
+            f"run = figure_1(\n  MonteCarlo(\n{arguments}  ),\n  "
+            f"model={model!r},\n)\nprint(run.sigma_arcsec)"
         )
 
 
 def _fields(
-    *, precision_px: float, focal_mm: float, pixel_um: float, separation_mm: float, offset_mm: float, seed: int
+    *,
+    precision_px: float,
+    focal_mm: float,
+    pixel_um: float,
+    separation_mm: float,
+    offset_mm: float,
+    seed: int,
 ) -> dict[str, Any]:
     return {
         "spot_a_mm": (separation_mm / 2, offset_mm, -focal_mm),

@@ -1,4 +1,6 @@
-"""A matplotlib figure that answers at once: what stands still is drawn once and kept, what moves is drawn over it."""
+"""A matplotlib figure that answers at once: what stands still is drawn once and kept, what moves is
+drawn over it.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def style() -> Any:
     """Return the settings of `losbench.figures.use_style`, without making them the user's."""
     with mpl.rc_context():
         use_style()
-        settings: dict[str, Any] = {key: value for key, value in mpl.rcParams.items() if not key.startswith("backend")}
+        settings: dict[str, Any] = {
+            key: value for key, value in mpl.rcParams.items() if not key.startswith("backend")
+        }
     # A title that need not look for room above the axis saves a fifth of a full drawing.
     return settings | {"axes.titley": 1.0}
 
@@ -42,12 +46,15 @@ class Picture:
     figure : Figure
         Complete, with the limits of its axes set.
     moving : iterable of artists
-        What changes from one picture to the next. Anything else is drawn anew only when limits change.
+        What changes from one picture to the next. Anything else is drawn anew only when limits
+        change.
     fixed : collection of axes
         Those whose y limits never change, and need room for no wider numbers than theirs.
     """
 
-    def __init__(self, figure: Figure, moving: Iterable[Artist], *, fixed: Collection[Axes] = ()) -> None:
+    def __init__(
+        self, figure: Figure, moving: Iterable[Artist], *, fixed: Collection[Axes] = ()
+    ) -> None:
         self._figure = figure
         self._canvas: Any = FigureCanvasAgg(figure)
         self._moving = sorted(moving, key=lambda artist: artist.get_zorder())
@@ -59,7 +66,9 @@ class Picture:
         self._still: Any = None
 
     def png(self, description: str) -> bytes:
-        """Draw what moves, everything if limits have changed, and return the picture, which carries its description."""
+        """Draw what moves, everything if limits have changed, and return the picture, which carries
+        its description.
+        """
         import cv2
 
         limits = [(axes.get_xlim(), axes.get_ylim()) for axes in self._figure.axes]
@@ -72,15 +81,23 @@ class Picture:
         for artist in self._moving:
             self._figure.draw_artist(artist)
         pixels = cv2.cvtColor(np.asarray(self._canvas.buffer_rgba()), cv2.COLOR_RGBA2BGR)
-        # Areas of one colour: unfiltered rows code six times faster than filtered ones, and smaller.
-        coding = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+        # Areas of one colour: unfiltered rows code six times faster than filtered ones, and
+        # smaller.
+        coding = [
+            cv2.IMWRITE_PNG_COMPRESSION,
+            1,
+            cv2.IMWRITE_PNG_FILTER,
+            cv2.IMWRITE_PNG_FILTER_NONE,
+        ]
         return _described(bytes(cv2.imencode(".png", pixels, coding)[1]), description)
 
 
 def _lay_out(figure: Figure, roomy: Sequence[Axes]) -> None:
-    """Give axes and labels their places once, with room for wide numbers where numbers may become wide.
+    """Give axes and labels their places once, with room for wide numbers where numbers may become
+    wide.
 
-    Axes that shift would hide what a slider does, and looking for places takes a third of a drawing.
+    Axes that shift would hide what a slider does, and looking for places takes a third of a
+    drawing.
     """
     formatters = [axes.yaxis.get_major_formatter() for axes in roomy]
     for axes in roomy:
@@ -97,14 +114,17 @@ def _lay_out(figure: Figure, roomy: Sequence[Axes]) -> None:
 
 
 def _described(png: bytes, text: str) -> bytes:
-    """Put an international text chunk (PNG specification, 11.3.3.4) behind the header: which values are shown here."""
+    """Put an international text chunk (PNG specification, 11.3.3.4) behind the header: which values
+    are shown here.
+    """
     chunk = b"iTXtDescription\0\0\0\0\0" + text.encode()
     framed = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
     return png[:_AFTER_HEADER] + framed + png[_AFTER_HEADER:]
 
 
 def round_up(values: ArrayLike, *, least: float = 0.0) -> float:
-    """Return the smallest of 1, 2, 3, 5, 10, 20 ... that no finite absolute value exceeds: limits that rarely change.
+    """Return the smallest of 1, 2, 3, 5, 10, 20 ... that no finite absolute value exceeds: limits
+    that rarely change.
 
     >>> round_up([0.3, -1.7]), round_up(51.0), round_up([], least=0.1)
     (2.0, 100.0, 0.1)
@@ -114,4 +134,10 @@ def round_up(values: ArrayLike, *, least: float = 0.0) -> float:
     if largest == 0.0:
         return 1.0
     decade = 10.0 ** np.floor(np.log10(largest))
-    return float(next(step * decade for step in (1.0, 2.0, 3.0, 5.0, 10.0) if step * decade >= largest * (1.0 - 1e-12)))
+    return float(
+        next(
+            step * decade
+            for step in (1.0, 2.0, 3.0, 5.0, 10.0)
+            if step * decade >= largest * (1.0 - 1e-12)
+        )
+    )

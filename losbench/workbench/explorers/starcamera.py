@@ -1,4 +1,6 @@
-"""The star-camera pair of ren2023 as something to turn: which drift and which error make which angle and split?"""
+"""The star-camera pair of ren2023 as something to turn: which drift and which error make which
+angle and split?
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from matplotlib.figure import Figure
 from losbench.estimation.metrics import allan_deviation
 from losbench.estimation.stability import split_error
 from losbench.figures import COLOURS
-from losbench.papers.ren2023.results import first_order
+from losbench.papers.ren2023.results.figures import first_order
 from losbench.papers.ren2023.scenario import Pair
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, LogSlider, Slider, whole_number
@@ -29,7 +31,9 @@ _COLOURS = {"uncorrected": "vermilion", "corrected": "blue"}
 
 
 class StarCameraExplorer(Explorer):
-    """Two tracks two months apart: the angle between the boresights, before and after correction, and its split."""
+    """Two tracks two months apart: the angle between the boresights, before and after correction,
+    and its split.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "drift_1_arcsec": Slider("drift of camera 1", -0.45, -3.0, 3.0, 0.05, "″ in 58 d"),
@@ -56,22 +60,32 @@ class StarCameraExplorer(Explorer):
         time = np.arange(2 * _SAMPLES)[::_THINNED] / Pair.rate_hz
         self._lines, self._deviations = [], []
         for name, colour in _COLOURS.items():
-            self._lines += self._angle.plot(time, np.zeros(time.size), color=COLOURS[colour], lw=0.4, label=name)
+            self._lines += self._angle.plot(
+                time, np.zeros(time.size), color=COLOURS[colour], lw=0.4, label=name
+            )
             self._deviations += self._allan.loglog(_TAU, _TAU, ".-", color=COLOURS[colour], lw=1.0)
         self._windows = self._allan.axvline(1.0, color=COLOURS["green"], ls="--", label="window")
-        (self._white,) = self._allan.loglog(_TAU, _TAU, ":", color=COLOURS["black"], label="white noise alone")
-        self._angle.set(xlabel="time in the first track | in the last (s)", ylabel="angle less design (″)")
+        (self._white,) = self._allan.loglog(
+            _TAU, _TAU, ":", color=COLOURS["black"], label="white noise alone"
+        )
+        self._angle.set(
+            xlabel="time in the first track | in the last (s)", ylabel="angle less design (″)"
+        )
         self._angle.set_title("two tracks, 58 days apart", fontsize=10)
         self._angle.set_xlim(0, 2 * Pair.track_s)
         self._angle.axvline(Pair.track_s, color=COLOURS["black"], lw=0.8)
         self._angle.set_xticks([0, 150, 300, 450, 600], ["0", "150", "300 | 0", "150", "300"])
         self._angle.legend(loc="upper left", ncols=2, fontsize=9)
-        self._allan.set(xlabel="averaging time (s)", ylabel="3 x Allan deviation (″)", ylim=(0.005, 5.0))
+        self._allan.set(
+            xlabel="averaging time (s)", ylabel="3 x Allan deviation (″)", ylim=(0.005, 5.0)
+        )
         self._allan.set_title("the last track", fontsize=10)
         self._allan.legend(loc="upper right", fontsize=9)
         return [*self._lines, *self._deviations, self._windows, self._white]
 
-    def update(self, *, window: int, seed: int, smooth_s: float, **setting: Any) -> Mapping[str, str]:
+    def update(
+        self, *, window: int, seed: int, smooth_s: float, **setting: Any
+    ) -> Mapping[str, str]:
         """Simulate both tracks, correct them, split the error of the last."""
         pair = _pair(**setting)
         tracks = first_order(pair, seed, smooth_s=smooth_s or None)
@@ -110,8 +124,7 @@ class StarCameraExplorer(Explorer):
         arguments = "".join(f"    {name}={getattr(pair, name)!r},\n" for name in names)
         return (
             "import losbench as lb\n"
-            "from losbench.papers.ren2023.results import evaluate\n"
-            "from losbench.papers.ren2023.scenario import Pair\n\n"
+            "from losbench.papers.ren2023 import Pair, evaluate\n\n"
             f"pair = Pair(\n{arguments})\n"
             f"tracks = evaluate(pair, {seed}, smooth_s={smooth_s or None})\n"
             "print(tracks.change_before, tracks.change_after)\n"

@@ -1,4 +1,6 @@
-"""The warm-up of liu2026 as something to turn: how heat paths and sensitivities make a drift, and what a fit finds."""
+"""The warm-up of liu2026 as something to turn: how heat paths and sensitivities make a drift, and
+what a fit finds.
+"""
 
 from __future__ import annotations
 
@@ -10,33 +12,55 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from losbench.figures import COLOURS
-from losbench.papers.liu2026.bench import ThermalBench
-from losbench.papers.liu2026.warmup import warm_up
+from losbench.papers.liu2026.scenario import ThermalBench
+from losbench.papers.liu2026.twin import warm_up
 from losbench.pointing.thermal import fit_sensitivity
 from losbench.units import arcsec_to_rad, rad_to_arcsec
 from losbench.workbench.explorers.base import Explorer
-from losbench.workbench.explorers.controls import Control, Field, LogSlider, Slider, numbers, whole_number
+from losbench.workbench.explorers.controls import (
+    Control,
+    Field,
+    LogSlider,
+    Slider,
+    numbers,
+    whole_number,
+)
 from losbench.workbench.explorers.picture import round_up
 
 __all__ = ["ThermalExplorer"]
 
 _FRAME_PERIOD_S = 40.0
 _AXES = {"X": "blue", "Y": "vermilion", "Z": "green"}
-_NODE_STYLES = {"blue": "-", "vermilion": "--", "green": "-.", "purple": ":", "orange": (0, (5, 1, 1, 1, 1, 1))}
+_NODE_STYLES = {
+    "blue": "-",
+    "vermilion": "--",
+    "green": "-.",
+    "purple": ":",
+    "orange": (0, (5, 1, 1, 1, 1, 1)),
+}
 
 
 class ThermalExplorer(Explorer):
-    """A room that warms from 18 °C, five nodes that follow, the line of sight that drifts, and the fit per degree."""
+    """A room that warms from 18 °C, five nodes that follow, the line of sight that drifts, and the
+    fit per degree.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "room_end_degC": Slider("room at the end", 25.0, 19.0, 40.0, 0.5, "°C"),
         "ramp_min": Slider("ramp", 80, 5, 240, 5, "min"),
         "link_to_base_W_per_K": Field(
-            "links to the base plate", ThermalBench.link_to_base_W_per_K, numbers(4, low=0.0, high=100.0), "W/K"
+            "links to the base plate",
+            ThermalBench.link_to_base_W_per_K,
+            numbers(4, low=0.0, high=100.0),
+            "W/K",
         ),
-        "room_W_per_K": Field("links to the room", ThermalBench.room_W_per_K, numbers(5, low=0.0, high=100.0), "W/K"),
+        "room_W_per_K": Field(
+            "links to the room", ThermalBench.room_W_per_K, numbers(5, low=0.0, high=100.0), "W/K"
+        ),
         **{
-            f"sensitivity_{axis}": Field(f"sensitivity {axis}", row, numbers(5, low=-100.0, high=100.0), "″/°C")
+            f"sensitivity_{axis}": Field(
+                f"sensitivity {axis}", row, numbers(5, low=-100.0, high=100.0), "″/°C"
+            )
             for axis, row in zip(_AXES, ThermalBench.sensitivity_arcsec_per_degC, strict=True)
         },
         "lag_min": Slider("lag in the fit", 0.0, 0.0, 120.0, 1.0, "min"),
@@ -56,12 +80,19 @@ class ThermalExplorer(Explorer):
         self._heat, self._drift, self._law = figure.subplots(1, 3)
         (self._room,) = self._heat.plot([], [], color=COLOURS["black"], lw=2.0, label="room")
         self._nodes = [
-            self._heat.plot([], [], color=COLOURS[colour], ls=dashes, label=node.removesuffix(" mount"))[0]
+            self._heat.plot(
+                [], [], color=COLOURS[colour], ls=dashes, label=node.removesuffix(" mount")
+            )[0]
             for node, (colour, dashes) in zip(ThermalBench.NODES, _NODE_STYLES.items(), strict=True)
         ]
         self._heat.set(title="temperature", xlabel="time (min)", ylabel="°C")
         self._heat.legend(
-            fontsize=8, loc="upper left", bbox_to_anchor=(-0.02, -0.22), ncols=2, columnspacing=0.8, handlelength=1.6
+            fontsize=8,
+            loc="upper left",
+            bbox_to_anchor=(-0.02, -0.22),
+            ncols=2,
+            columnspacing=0.8,
+            handlelength=1.6,
         )
         dots = {"ls": "none", "marker": ".", "ms": 3}
         self._seen, self._against, self._fits, self._plain = [], [], [], []
@@ -73,7 +104,9 @@ class ThermalExplorer(Explorer):
         self._fits[0].set_label("IRLS")
         self._plain[0].set_label("least squares")
         self._drift.set(title="line of sight", xlabel="time (min)", ylabel="angle (″)")
-        self._drift.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.02, -0.22), ncols=3, markerscale=3)
+        self._drift.legend(
+            fontsize=8, loc="upper left", bbox_to_anchor=(-0.02, -0.22), ncols=3, markerscale=3
+        )
         self._law.set(title="angle against room", xlabel="room (°C)")
         self._law.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.02, -0.22), ncols=2)
         return [self._room, *self._nodes, *self._seen, *self._against, *self._fits, *self._plain]
@@ -88,7 +121,9 @@ class ThermalExplorer(Explorer):
         seed: int,
         **heat: Any,
     ) -> Mapping[str, str]:
-        """Warm the twin, measure its angles with noise and bad frames, and fit them as a function of temperature."""
+        """Warm the twin, measure its angles with noise and bad frames, and fit them as a function
+        of temperature.
+        """
         bench = ThermalBench(**_bench_fields(**heat))
         run = warm_up(bench, time_s=np.arange(0.0, bench.duration_s, _FRAME_PERIOD_S))
         rng = np.random.default_rng(seed)
@@ -108,12 +143,20 @@ class ThermalExplorer(Explorer):
         rows = {
             "sensitivity, IRLS X · Y · Z (″/°C)": robust.k_arcsec_per_degC,
             "… least squares": plain.k_arcsec_per_degC,
-            "… at rest, all nodes as warm as the room": np.sum(bench.sensitivity_arcsec_per_degC, axis=1),
+            "… at rest, all nodes as warm as the room": np.sum(
+                bench.sensitivity_arcsec_per_degC, axis=1
+            ),
             "left after compensation, RMS (″)": rad_to_arcsec(robust.rms),
         }
         slowest = bench.network.time_constants_s[0] / 60.0
-        texts = {name: " · ".join(f"{value:.3f}" for value in values) for name, values in rows.items()}
-        return texts | {"slowest time constant": f"{slowest:.0f} min" if np.isfinite(slowest) else "none: cut off"}
+        texts = {
+            name: " · ".join(f"{value:.3f}" for value in values) for name, values in rows.items()
+        }
+        return texts | {
+            "slowest time constant": f"{slowest:.0f} min"
+            if np.isfinite(slowest)
+            else "none: cut off"
+        }
 
     def _show(self, run: Any, angles: Any, robust: Any, plain: Any) -> None:
         minutes = run.time_s / 60.0
@@ -132,15 +175,23 @@ class ThermalExplorer(Explorer):
         self._law.set(xlim=(17.5, warm), ylim=limits)
 
     def code(
-        self, *, lag_min: float, error_arcsec: float, bad_percent: int, bad_arcsec: float, seed: int, **heat: Any
+        self,
+        *,
+        lag_min: float,
+        error_arcsec: float,
+        bad_percent: int,
+        bad_arcsec: float,
+        seed: int,
+        **heat: Any,
     ) -> str:
         """Return the twin's warm-up and the fit."""
-        arguments = "".join(f"    {name}={value!r},\n" for name, value in _bench_fields(**heat).items())
+        arguments = "".join(
+            f"    {name}={value!r},\n" for name, value in _bench_fields(**heat).items()
+        )
         return f"""\
 import numpy as np
 import losbench as lb
-from losbench.papers.liu2026.bench import ThermalBench
-from losbench.papers.liu2026.warmup import warm_up
+from losbench.papers.liu2026 import ThermalBench, warm_up
 from losbench.units import arcsec_to_rad
 
 bench = ThermalBench(

@@ -17,15 +17,21 @@ D1, D2 = arcsec_to_rad([0.45, 0.3, 1.2]), arcsec_to_rad([-0.65, -0.2, -0.9])
 
 def stored(rotation, convention):
     """Camera-to-inertial rotations as quaternions of a convention."""
-    return (rotation if convention.to_inertial else rotation.inv()).as_quat(scalar_first=convention.scalar == "first")
+    return (rotation if convention.to_inertial else rotation.inv()).as_quat(
+        scalar_first=convention.scalar == "first"
+    )
 
 
 def pitch(first_deg, last_deg):
-    return Rotation.from_rotvec(np.radians(np.linspace(first_deg, last_deg, 100))[:, None] * np.array([0.0, 1.0, 0.0]))
+    return Rotation.from_rotvec(
+        np.radians(np.linspace(first_deg, last_deg, 100))[:, None] * np.array([0.0, 1.0, 0.0])
+    )
 
 
 def change_arcsec(first, second, convention=LAST):
-    return float(rad_to_arcsec(lb.boresight_angle(first, second, convention=convention) - np.radians(70.0)))
+    return float(
+        rad_to_arcsec(lb.boresight_angle(first, second, convention=convention) - np.radians(70.0))
+    )
 
 
 @pytest.mark.parametrize("convention", QuaternionConvention.every(), ids=str)
@@ -42,11 +48,16 @@ def test_the_exact_values_of_the_pair_in_every_convention(convention):
 
 
 def test_at_rest_the_angle_is_seventy_degrees():
-    assert lb.boresight_angle(*HEADS.as_quat(), convention=LAST) == pytest.approx(np.radians(70.0), abs=1e-15)
+    assert lb.boresight_angle(*HEADS.as_quat(), convention=LAST) == pytest.approx(
+        np.radians(70.0), abs=1e-15
+    )
 
 
 def test_swapped_heads_change_the_angle_as_predicted():
-    a, b = (HEADS[0] * Rotation.from_rotvec(D1)).as_quat(), (HEADS[1] * Rotation.from_rotvec(D2)).as_quat()
+    a, b = (
+        (HEADS[0] * Rotation.from_rotvec(D1)).as_quat(),
+        (HEADS[1] * Rotation.from_rotvec(D2)).as_quat(),
+    )
     swapped = lb.correct_drift(a, D2, convention=LAST), lb.correct_drift(b, D1, convention=LAST)
     gradient = observability(a, b, convention=LAST).angle
     predicted = 1.1 - rad_to_arcsec(gradient @ np.concatenate([D2, D1]))
@@ -58,8 +69,12 @@ def test_the_wrong_side_makes_the_angle_wander_while_the_pair_turns():
     turn = pitch(0, 20)
     a, b = ((turn * HEADS[k] * Rotation.from_rotvec(d)).as_quat() for k, d in enumerate((D1, D2)))
     right = [lb.correct_drift(q, d, convention=LAST) for q, d in ((a, D1), (b, D2))]
-    wrong = [(Rotation.from_rotvec(-d) * Rotation.from_quat(q)).as_quat() for q, d in ((a, D1), (b, D2))]
-    steady, wandering = (np.ptp(rad_to_arcsec(lb.boresight_angle(*q, convention=LAST))) for q in (right, wrong))
+    wrong = [
+        (Rotation.from_rotvec(-d) * Rotation.from_quat(q)).as_quat() for q, d in ((a, D1), (b, D2))
+    ]
+    steady, wandering = (
+        np.ptp(rad_to_arcsec(lb.boresight_angle(*q, convention=LAST))) for q in (right, wrong)
+    )
     assert steady < 1e-6
     assert wandering > 0.3
 
@@ -73,24 +88,35 @@ def test_the_angle_sees_one_of_six_components_and_the_relative_rotation_three():
     assert (np.linalg.matrix_rank(seen.relative) == 3).all()
     step = 1e-5
     for k, direction in enumerate(np.eye(6)):
-        moved = [lb.correct_drift(q, -step * d, convention=LAST) for q, d in ((a, direction[:3]), (b, direction[3:]))]
+        moved = [
+            lb.correct_drift(q, -step * d, convention=LAST)
+            for q, d in ((a, direction[:3]), (b, direction[3:]))
+        ]
         slope = (lb.boresight_angle(*moved, convention=LAST) - np.radians(70.0)) / step
         np.testing.assert_allclose(slope, seen.angle[:, k], atol=1e-5)
-        before, after = (Rotation.from_quat(p).inv() * Rotation.from_quat(q) for p, q in ((a, b), moved))
-        np.testing.assert_allclose((after * before.inv()).as_rotvec() / step, seen.relative[..., k], atol=1e-5)
+        before, after = (
+            Rotation.from_quat(p).inv() * Rotation.from_quat(q) for p, q in ((a, b), moved)
+        )
+        np.testing.assert_allclose(
+            (after * before.inv()).as_rotvec() / step, seen.relative[..., k], atol=1e-5
+        )
 
 
 def test_an_installation_matrix_takes_the_monitor_s_axes_to_the_camera_s():
     installed = Rotation.from_euler("z", 90, degrees=True).as_matrix()
     q = HEADS[0].as_quat()
     direct = lb.correct_drift(q, installed @ D1, convention=LAST)
-    np.testing.assert_allclose(lb.correct_drift(q, D1, convention=LAST, installation=installed), direct, atol=1e-16)
+    np.testing.assert_allclose(
+        lb.correct_drift(q, D1, convention=LAST, installation=installed), direct, atol=1e-16
+    )
 
 
 def test_drift_sized_angles_survive_where_an_arc_cosine_returns_nothing():
     tiny = 1e-9
     turned = Rotation.from_rotvec([tiny, 0.0, 0.0]).as_quat()
-    assert lb.boresight_angle([0, 0, 0, 1], turned, convention=LAST) == pytest.approx(tiny, rel=1e-12)
+    assert lb.boresight_angle([0, 0, 0, 1], turned, convention=LAST) == pytest.approx(
+        tiny, rel=1e-12
+    )
     assert 2 * np.arccos(turned[3]) == 0.0
 
 
@@ -112,9 +138,9 @@ def test_a_missing_row_stays_missing_and_signs_may_flip():
 def test_the_angle_ignores_a_common_turn_and_the_order_of_the_heads(seed):
     turn, a, b = Rotation.random(3, rng=np.random.default_rng(seed))
     angle = lb.boresight_angle(a.as_quat(), b.as_quat(), convention=LAST)
-    assert lb.boresight_angle((turn * a).as_quat(), (turn * b).as_quat(), convention=LAST) == pytest.approx(
-        float(angle), abs=1e-14
-    )
+    assert lb.boresight_angle(
+        (turn * a).as_quat(), (turn * b).as_quat(), convention=LAST
+    ) == pytest.approx(float(angle), abs=1e-14)
     assert lb.boresight_angle(b.as_quat(), a.as_quat(), convention=LAST) == angle
 
 
@@ -142,7 +168,9 @@ def test_a_wrong_convention_is_caught_by_the_design_angle(true, believed):
 
 def test_the_design_angle_is_that_of_the_boresights_named():
     a, b = (stored(pitch(30, 50) * head, LAST) for head in HEADS)
-    check_design(a, b, convention=LAST, angle_deg=70.0, boresight=[0.0, 1.0, 0.0])  # the heads differ by a turn about x
+    check_design(
+        a, b, convention=LAST, angle_deg=70.0, boresight=[0.0, 1.0, 0.0]
+    )  # the heads differ by a turn about x
     check_design(a, b, convention=LAST, angle_deg=0.0, boresight=[1.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="must stand 70 deg apart"):
         check_design(a, b, convention=LAST, angle_deg=70.0, boresight=[1.0, 0.0, 0.0])
@@ -152,7 +180,9 @@ def test_heads_of_different_conventions_are_told_apart():
     turn = pitch(30, 50) * Rotation.from_rotvec([0.3, 0.2, 0.7])
     other = QuaternionConvention(scalar="first", direction="inertial_to_camera")
     a, b = stored(turn * HEADS[0], LAST), stored(turn * HEADS[1], other)
-    with pytest.raises(ValueError, match=f"what would fit: first camera {LAST}; second camera {other}$"):
+    with pytest.raises(
+        ValueError, match=f"what would fit: first camera {LAST}; second camera {other}$"
+    ):
         check_design(a, b, convention=LAST, angle_deg=70.0)
     with pytest.raises(ValueError, match="no other convention fits either$"):
         check_design(a, b, convention=LAST, angle_deg=12.0)
@@ -165,14 +195,19 @@ def test_heads_of_different_conventions_are_told_apart():
             lambda: lb.boresight_angle(
                 [[0, 0, 0, 1.0], [0, 0, 0, 2.0]], np.tile([0, 0, 0, 1.0], (2, 1)), convention=LAST
             ),
-            "first must have unit length to 0.001, but 1 of 2 have not; the first, number 1, has length 2",
+            "first must have unit length to 0.001, but 1 of 2 have not; the first, number 1, has "
+            "length 2",
         ),
         (
-            lambda: lb.boresight_angle([0, 0, 0, 1.0], np.tile([0, 0, 0, 1.0], (2, 1)), convention=LAST),
+            lambda: lb.boresight_angle(
+                [0, 0, 0, 1.0], np.tile([0, 0, 0, 1.0], (2, 1)), convention=LAST
+            ),
             r"second must have shape \(4,\) to match first, got \(2, 4\)",
         ),
         (
-            lambda: lb.correct_drift(np.tile([0, 0, 0, 1.0], (2, 1)), np.zeros((3, 3)), convention=LAST),
+            lambda: lb.correct_drift(
+                np.tile([0, 0, 0, 1.0], (2, 1)), np.zeros((3, 3)), convention=LAST
+            ),
             r"drift must broadcast to \(2, 3\) to match quaternions, got \(3, 3\)",
         ),
         (
@@ -180,7 +215,9 @@ def test_heads_of_different_conventions_are_told_apart():
             "convention must be a QuaternionConvention, got 'xyzw'",
         ),
         (
-            lambda: lb.correct_drift([0, 0, 0, 1.0], np.zeros(3), convention=LAST, installation=2 * np.eye(3)),
+            lambda: lb.correct_drift(
+                [0, 0, 0, 1.0], np.zeros(3), convention=LAST, installation=2 * np.eye(3)
+            ),
             r"installation must be a rotation matrix: orthonormal rows, determinant \+1",
         ),
         (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.pointing.optics import project
+from losbench.optics.camera import project
 from losbench.pointing.starcamera import drift_from_spots
 from losbench.units import arcsec_to_rad, rad_to_arcsec
 
@@ -14,7 +14,9 @@ DELTA = arcsec_to_rad([0.7, -1.1, 2.0])
 
 
 def seen(points, delta):
-    """Shifts of the spots when the camera has turned by delta: the directions turn by minus that, in its axes."""
+    """Shifts of the spots when the camera has turned by delta: the directions turn by minus that,
+    in its axes.
+    """
     return (project(points, -np.asarray(delta)) - points)[..., :2]
 
 
@@ -24,7 +26,9 @@ def test_the_exact_values_of_the_paper_s_layout():
     expected = [[3.51905734595, 1.74568638011], [2.90926536786, 2.35547933705]]
     np.testing.assert_allclose(shifts_um, expected, atol=1e-9)
     found = drift_from_spots(POINTS, 1e-3 * shifts_um)
-    np.testing.assert_allclose(found.delta_arcsec, [0.699994629706, -1.100003452224, 2.000000872694], atol=1e-9)
+    np.testing.assert_allclose(
+        found.delta_arcsec, [0.699994629706, -1.100003452224, 2.000000872694], atol=1e-9
+    )
 
 
 def test_a_camera_turns_against_what_it_sees():
@@ -33,7 +37,9 @@ def test_a_camera_turns_against_what_it_sees():
     np.testing.assert_array_equal(drift_from_spots(POINTS, shifts).delta, -both.angles)
     a, b = np.moveaxis(POINTS[:, :2] / 600.0, 1, 0)
     dx, dy, dz = DELTA
-    first_order = 600.0 * np.stack([a * b * dx - (1 + a**2) * dy + b * dz, (1 + b**2) * dx - a * b * dy - a * dz], -1)
+    first_order = 600.0 * np.stack(
+        [a * b * dx - (1 + a**2) * dy + b * dz, (1 + b**2) * dx - a * b * dy - a * dz], -1
+    )
     np.testing.assert_allclose(shifts, first_order, atol=1e-7)
 
 
@@ -41,7 +47,9 @@ def test_covariance_is_that_of_the_noise():
     rng = np.random.default_rng(4)
     noisy = seen(POINTS, DELTA) + 0.137e-3 * rng.standard_normal((20_000, 2, 2))
     fit = drift_from_spots(POINTS, noisy, sigma=0.137e-3)
-    np.testing.assert_allclose(np.cov(fit.delta.T), fit.cov[0], atol=0.03 * np.abs(fit.cov[0]).max())
+    np.testing.assert_allclose(
+        np.cov(fit.delta.T), fit.cov[0], atol=0.03 * np.abs(fit.cov[0]).max()
+    )
     assert 3 * fit.std_error_arcsec[0, :2] == pytest.approx([0.1, 0.1], abs=0.001)
     assert fit.condition == pytest.approx(1 / np.tan(np.radians(3)) / np.sqrt(2), rel=0.01)
 
@@ -74,7 +82,9 @@ def test_batches_agree_with_single_frames_and_missing_spots_stay_missing():
 
 
 def test_bad_input_is_named():
-    with pytest.raises(ValueError, match=r"shifts must have shape \(..., 2, 2\) to match 2 points, got \(5, 3, 2\)"):
+    with pytest.raises(
+        ValueError, match=r"shifts must have shape \(..., 2, 2\) to match 2 points, got \(5, 3, 2\)"
+    ):
         drift_from_spots(POINTS, np.zeros((5, 3, 2)), focal=True)
     with pytest.raises(ValueError, match="points must differ, got two equal points: 0 and 1"):
         drift_from_spots(POINTS[[0, 0]], np.zeros((2, 2)))

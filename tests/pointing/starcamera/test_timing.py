@@ -22,11 +22,13 @@ FIRST = QuaternionConvention(scalar="first", direction="inertial_to_camera")
 
 
 def turning(time_s):
-    """A pair's first camera: pitching with the orbit, wobbling by 20 arcsec in 40 s about y and z."""
+    """A pair's first camera: pitching with the orbit, wobbling by 20 arcsec in 40 s about y and
+    z.
+    """
     wobble = 1e-4 * np.sin(2 * np.pi * time_s / 40.0)
-    return Rotation.from_rotvec(2 * np.pi / 5677 * time_s[:, None] * np.array([0.0, 1.0, 0.0])) * Rotation.from_rotvec(
-        wobble[:, None] * np.array([0.3, 1.0, 0.6])
-    )
+    return Rotation.from_rotvec(
+        2 * np.pi / 5677 * time_s[:, None] * np.array([0.0, 1.0, 0.0])
+    ) * Rotation.from_rotvec(wobble[:, None] * np.array([0.3, 1.0, 0.6]))
 
 
 def test_drift_between_samples_follows_the_shortest_turn():
@@ -36,7 +38,9 @@ def test_drift_between_samples_follows_the_shortest_turn():
     np.testing.assert_allclose(found[:2], 1e-6 * np.array([[0.5, 1, 0], [2, 1, 0]]), atol=1e-15)
     assert np.isnan(found).all(axis=1).tolist() == [False, False, True, False, True]
     drift[1] = np.nan
-    np.testing.assert_allclose(interpolate_drift(time, drift, [1.0]), [[1e-6, 1e-6, 0.0]], atol=1e-15)
+    np.testing.assert_allclose(
+        interpolate_drift(time, drift, [1.0]), [[1e-6, 1e-6, 0.0]], atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("convention", [LAST, FIRST], ids=str)
@@ -86,11 +90,17 @@ def test_an_offset_between_the_clocks_is_found_and_removed(late_s):
     tilt = Rotation.from_euler("x", [[35], [-35]], degrees=True)
     noise = 0.16 / 206265
     first = turning(time) * tilt[0] * Rotation.from_rotvec(noise * rng.standard_normal((2400, 3)))
-    second = turning(time + late_s) * tilt[1] * Rotation.from_rotvec(noise * rng.standard_normal((2400, 3)))
+    second = (
+        turning(time + late_s)
+        * tilt[1]
+        * Rotation.from_rotvec(noise * rng.standard_normal((2400, 3)))
+    )
     found = time_tag_offset(time, first.as_quat(), second.as_quat(), convention=LAST)
     assert found.sigma_s < 0.003
     assert abs(found.seconds - late_s) < 4 * found.sigma_s
-    moved = interpolate_attitude(time + found.seconds, second.as_quat(), time[10:-10], convention=LAST)
+    moved = interpolate_attitude(
+        time + found.seconds, second.as_quat(), time[10:-10], convention=LAST
+    )
     again = time_tag_offset(time[10:-10], first.as_quat()[10:-10], moved, convention=LAST)
     assert abs(again.seconds) < 4 * again.sigma_s
 
@@ -108,14 +118,22 @@ def test_aberration_agrees_with_the_change_from_barycentric_to_geocentric_direct
     velocity = earth_velocity_km_s("2022-03-25T12:00:00")
     stars = Rotation.random(40, rng=np.random.default_rng(5))
     natural = stars.apply([0, 0, 1])
-    sky = coordinates.SkyCoord(*natural.T, representation_type="cartesian", frame="icrs").represent_as("unitspherical")
+    sky = coordinates.SkyCoord(
+        *natural.T, representation_type="cartesian", frame="icrs"
+    ).represent_as("unitspherical")
     sky = coordinates.SkyCoord(sky, frame="icrs")
     proper = sky.transform_to(coordinates.GCRS(obstime=when)).cartesian.xyz.value.T
-    moved = Rotation.from_quat(remove_aberration(stars.as_quat(), velocity, convention=LAST)).apply([0, 0, 1])
-    away_from_sun = natural @ coordinates.get_sun(when).cartesian.xyz.to_value("AU") < 0.5  # light bends near the Sun
+    moved = Rotation.from_quat(remove_aberration(stars.as_quat(), velocity, convention=LAST)).apply(
+        [0, 0, 1]
+    )
+    away_from_sun = (
+        natural @ coordinates.get_sun(when).cartesian.xyz.to_value("AU") < 0.5
+    )  # light bends near the Sun
     gap = rad_to_arcsec(np.linalg.norm(moved - proper, axis=1))
     assert gap[away_from_sun].max() < 0.02
-    assert rad_to_arcsec(np.linalg.norm(moved - natural, axis=1)).max() == pytest.approx(20.5, abs=0.5)
+    assert rad_to_arcsec(np.linalg.norm(moved - natural, axis=1)).max() == pytest.approx(
+        20.5, abs=0.5
+    )
 
 
 def test_aberration_forth_and_back_and_in_every_convention():
@@ -125,7 +143,9 @@ def test_aberration_forth_and_back_and_in_every_convention():
     back = remove_aberration(there, [-30.0, 0.0, -7.0], convention=LAST)
     miss = Rotation.from_quat(back) * stars.inv()
     assert rad_to_arcsec(miss.magnitude()).max() < 0.005
-    other = remove_aberration(stars.inv().as_quat(scalar_first=True), [30.0, 0.0, 7.0], convention=FIRST)
+    other = remove_aberration(
+        stars.inv().as_quat(scalar_first=True), [30.0, 0.0, 7.0], convention=FIRST
+    )
     same = Rotation.from_quat(other, scalar_first=True) * Rotation.from_quat(there)
     assert same.magnitude().max() < 1e-12
 
@@ -133,22 +153,32 @@ def test_aberration_forth_and_back_and_in_every_convention():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda t, q: smooth_drift(t[::-1], q, window_s=1.0), "sample 1 at 48 s is before the one before it"),
+        (
+            lambda t, q: smooth_drift(t[::-1], q, window_s=1.0),
+            "sample 1 at 48 s is before the one before it",
+        ),
         (
             lambda t, q: smooth_drift(np.r_[t[:5], t[4], t[5:-1]], q, window_s=1.0),
             "sample 5 at 4 s equals the one before",
         ),
-        (lambda t, q: smooth_drift(t, q[:9], window_s=1.0), r"drift must have shape \(50, 4\) to match 50 times"),
+        (
+            lambda t, q: smooth_drift(t, q[:9], window_s=1.0),
+            r"drift must have shape \(50, 4\) to match 50 times",
+        ),
         (lambda t, q: smooth_drift(t, q, window_s=-1.0), "window_s must be positive, got -1"),
         (
             lambda t, q: interpolate_attitude(t, q, t + 1000.0, convention=LAST),
-            "attitudes must overlap the wanted times: they run from 0 to 49 s, wanted are 1000 to 1049 s",
+            "attitudes must overlap the wanted times: they run from 0 to 49 s, wanted are 1000 to "
+            "1049 s",
         ),
         (
             lambda t, q: interpolate_drift(t[:2], [[0, 0, 0], [np.nan] * 3], [0.5]),
             "drift must be known at two times or more, got 1",
         ),
-        (lambda t, q: time_tag_offset(t, q, q, convention=LAST), "the rate must change for a time offset to be seen"),
+        (
+            lambda t, q: time_tag_offset(t, q, q, convention=LAST),
+            "the rate must change for a time offset to be seen",
+        ),
         (
             lambda t, q: time_tag_offset(t[:5], q[:5], q[:5], convention=LAST),
             "at least ten rows must hold both attitudes",

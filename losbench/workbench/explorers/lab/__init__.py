@@ -9,8 +9,10 @@ from losbench.workbench.explorers.lab.leverage import Leverage
 from losbench.workbench.explorers.lab.masking import Masking
 from losbench.workbench.explorers.lab.scales import ScaleIsTheHero
 from losbench.workbench.explorers.lab.shapes import LossShapes
+from losbench.workbench.explorers.lab.smallsystems import METHODS, ring_errors, stacked_errors
 
 __all__ = [
+    "METHODS",
     "Basins",
     "BreakdownMeter",
     "DragPoint",
@@ -20,4 +22,6 @@ __all__ = [
     "Masking",
     "ScaleIsTheHero",
     "YourLayout",
+    "ring_errors",
+    "stacked_errors",
 ]

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from losbench.arrays import Bools, Floats
 from losbench.estimation.highbreakdown import mm
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
@@ -20,7 +20,6 @@ from losbench.workbench.explorers.lab.sample import HEAD, design, line
 
 __all__ = ["MMActs"]
 
-Floats = NDArray[np.float64]
 
 _COUNT = 20
 _S_EFFICIENCY = 0.2868  # of the bisquare whose scale survives one half, c = 1.5476
@@ -29,7 +28,9 @@ _REACH = 12.0
 
 
 class MMActs(Explorer):
-    """Act 1: the line of least scale among those through two points. Act 2: freeze it. Act 3: the efficient step."""
+    """Act 1: the line of least scale among those through two points. Act 2: freeze it. Act 3: the
+    efficient step.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "act": Slider("act", 1, 1, 3, 1),
@@ -54,7 +55,9 @@ class MMActs(Explorer):
         left.set_title("1 candidates  2 frozen scale  3 last step", fontsize=10)
         (self._curve,) = right.plot([], [], color=COLOURS["black"], lw=1.0)
         (self._good_weights,) = right.plot([], [], "o", ms=5, color=COLOURS["blue"], label="good")
-        (self._bad_weights,) = right.plot([], [], "x", ms=7, mew=1.6, color=COLOURS["vermilion"], label="bad")
+        (self._bad_weights,) = right.plot(
+            [], [], "x", ms=7, mew=1.6, color=COLOURS["vermilion"], label="bad"
+        )
         right.set(
             xlim=(-1.05 * _REACH, 1.05 * _REACH),
             ylim=(-0.03, 1.05),
@@ -84,7 +87,9 @@ class MMActs(Explorer):
         self._candidates.set_segments(list(through) if act == 1 else [])
         middle = fit.x[0] + fit.x[1] * _ENDS
         edge = 2.5 * fit.scale
-        corners = np.column_stack([[*_ENDS, *_ENDS[::-1]], [*(middle - edge), *(middle + edge)[::-1]]])
+        corners = np.column_stack(
+            [[*_ENDS, *_ENDS[::-1]], [*(middle - edge), *(middle + edge)[::-1]]]
+        )
         self._band.set_verts([corners] if act > 1 else [])
         self._points.set_data(x[~lifted], y[~lifted])
         self._bad.set_data(x[lifted], y[lifted])
@@ -107,12 +112,13 @@ class MMActs(Explorer):
         return HEAD.format(seed=seed, count=_COUNT) + (
             f"y[{_COUNT - bad}:] = {level} + 0.3 * rng.standard_normal({bad})\n"
             "A = np.column_stack([np.ones_like(x), x])\n"
-            f"fit = lb.mm(A, y, efficiency={0.95 if act == 3 else _S_EFFICIENCY}, on_fail='ignore')\n"
+            f"fit = lb.mm(A, y, efficiency={0.95 if act == 3 else _S_EFFICIENCY}, "
+            "on_fail='ignore')\n"
             "print(fit.x[1], fit.scale)"
         )
 
 
-def _data(bad: int, level: float, seed: int) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _data(bad: int, level: float, seed: int) -> tuple[Floats, Floats, Bools]:
     """Points of the line, the last ones of which lie on a level of their own."""
     x, y = line(_COUNT, seed)
     lifted = np.arange(_COUNT) >= _COUNT - bad

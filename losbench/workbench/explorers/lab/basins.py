@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.estimation.losses import Bisquare, Huber, Welsch
 from losbench.estimation.robust import irls
 from losbench.figures import COLOURS
@@ -19,7 +19,6 @@ from losbench.workbench.explorers.controls import Choice, Control, Field, Slider
 
 __all__ = ["Basins"]
 
-Floats = NDArray[np.float64]
 
 _LOSSES: dict[str, Any] = {"Huber": Huber(), "Bisquare": Bisquare(), "Welsch": Welsch()}
 _GOOD, _BAD, _APART = 14, 6, 8.0
@@ -27,7 +26,9 @@ _STARTS = np.linspace(-4.0, 12.0, 81)
 
 
 class Basins(Explorer):
-    """Two heaps of values, the sum of losses over the location, and where reweighting ends from every start."""
+    """Two heaps of values, the sum of losses over the location, and where reweighting ends from
+    every start.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "start": Slider("start", 7.0, -4.0, 12.0, 0.1),
@@ -43,10 +44,19 @@ class Basins(Explorer):
         """Draw the landscape with the path, and the end over the start."""
         left, right = figure.subplots(1, 2)
         (self._curve,) = left.plot([], [], color=COLOURS["black"])
-        (self._path,) = left.plot([], [], "o-", ms=4, lw=1.0, color=COLOURS["vermilion"], label="reweighting")
+        (self._path,) = left.plot(
+            [], [], "o-", ms=4, lw=1.0, color=COLOURS["vermilion"], label="reweighting"
+        )
         (self._values,) = left.plot([], [], "|", ms=12, color=COLOURS["blue"])
-        left.text(_APART / 2, 0.0, "values", color=COLOURS["blue"], fontsize=8, ha="center", va="center")
-        left.set(xlim=(-4, 12), ylim=(-0.08, 1.05), xlabel="location", title="sum of losses (largest = 1)")
+        left.text(
+            _APART / 2, 0.0, "values", color=COLOURS["blue"], fontsize=8, ha="center", va="center"
+        )
+        left.set(
+            xlim=(-4, 12),
+            ylim=(-0.08, 1.05),
+            xlabel="location",
+            title="sum of losses (largest = 1)",
+        )
         left.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 0.1))
         (self._ends,) = right.plot([], [], ".", ms=4, color=COLOURS["blue"])
         (self._here,) = right.plot([], [], "o", ms=8, color=COLOURS["vermilion"])
@@ -96,7 +106,9 @@ def _values(seed: int) -> Floats:
 def _ends(loss: str, seed: int) -> Floats:
     y = np.broadcast_to(_values(seed), (len(_STARTS), _GOOD + _BAD))
     A = np.ones((_GOOD + _BAD, 1))
-    fit = irls(A, y, loss=_LOSSES[loss], scale=1.0, x0=_STARTS[:, None], max_iter=500, on_fail="ignore")
+    fit = irls(
+        A, y, loss=_LOSSES[loss], scale=1.0, x0=_STARTS[:, None], max_iter=500, on_fail="ignore"
+    )
     return fit.x[:, 0]
 
 

@@ -22,14 +22,19 @@ _SURVIVED = 3.0  # a fit that is nowhere farther off than ten sigma
 
 
 class BreakdownMeter(Explorer):
-    """Twenty points, the last ones lifted together: the fits, and how far off each is for every number of bad ones."""
+    """Twenty points, the last ones lifted together: the fits, and how far off each is for every
+    number of bad ones.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "bad": Slider("bad points", 4, 0, _MOST, 1),
         "off": LogSlider("lifted by", 20.0, 1.0, 1000.0),
         "seed": Field("seed", 0, whole_number),
     }
-    presets: ClassVar[dict[str, dict[str, Any]]] = {"nine of twenty": {"bad": 9}, "ten of twenty": {"bad": 10}}
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "nine of twenty": {"bad": 9},
+        "ten of twenty": {"bad": 10},
+    }
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw the points, and the largest error over the number of bad ones."""
@@ -59,7 +64,9 @@ class BreakdownMeter(Explorer):
             self._lines[name].set_data(x, design(x) @ fit.x[bad])
             errors = np.abs((fit.x - TRUTH) @ design(x).T).max(axis=1)
             self._curves[name].set_data(np.arange(_MOST + 1), errors)
-            survived[name] = int(np.argmax(errors > _SURVIVED)) - 1 if (errors > _SURVIVED).any() else _MOST
+            survived[name] = (
+                int(np.argmax(errors > _SURVIVED)) - 1 if (errors > _SURVIVED).any() else _MOST
+            )
         self._here.set_xdata([bad] * 2)
         return {f"{name} survives": f"{count} of {_COUNT}" for name, count in survived.items()} | {
             "slope now, MM": f"{fits['MM'].x[bad, 1]:.3f}"

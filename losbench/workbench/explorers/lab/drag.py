@@ -23,7 +23,9 @@ _NEAR = 0.1
 
 
 class DragPoint(Explorer):
-    """Eleven points on a line and one that can be moved: three fits, and what each makes of every height."""
+    """Eleven points on a line and one that can be moved: three fits, and what each makes of every
+    height.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "height": Slider("height of the point", 16.0, -25.0, 25.0, 0.5),
@@ -36,7 +38,9 @@ class DragPoint(Explorer):
     }
 
     def build(self, figure: Figure) -> Sequence[Artist]:
-        """Draw the points with their lines, and the slope over the height of the point, whole and near the truth."""
+        """Draw the points with their lines, and the slope over the height of the point, whole and
+        near the truth.
+        """
         panels = figure.subplot_mosaic([["data", "whole"], ["data", "near"]])
         left, whole, near = panels.values()
         (self._points,) = left.plot([], [], "o", ms=4, color=COLOURS["black"])
@@ -45,13 +49,19 @@ class DragPoint(Explorer):
         left.set(xlim=(-1, 21), ylim=(-26, 26), xlabel="x", ylabel="y", title="move the big point")
         left.legend(fontsize=8, loc="lower left")
         self._curves = [lines(axes, _METHODS, label=False) for axes in (whole, near)]
-        self._here = [axes.axvline(0.0, color=COLOURS["vermilion"], lw=1.0) for axes in (whole, near)]
+        self._here = [
+            axes.axvline(0.0, color=COLOURS["vermilion"], lw=1.0) for axes in (whole, near)
+        ]
         for axes in (whole, near):
             axes.axhline(TRUTH[1], color=COLOURS["black"], lw=0.7)
             axes.set_xlim(-25, 25)
         whole.tick_params(labelbottom=False)
         whole.set(ylim=(-1.5, 2.5), title=f"slope (truth {TRUTH[1]})")
-        near.set(ylim=(TRUTH[1] - _NEAR, TRUTH[1] + _NEAR), xlabel="height of the point", title="near the truth")
+        near.set(
+            ylim=(TRUTH[1] - _NEAR, TRUTH[1] + _NEAR),
+            xlabel="height of the point",
+            title="near the truth",
+        )
         curves = [curve for both in self._curves for curve in both.values()]
         return [self._points, *self._lines.values(), self._point, *curves, *self._here]
 
@@ -72,7 +82,9 @@ class DragPoint(Explorer):
         for mark in self._here:
             mark.set_xdata([height] * 2)
         texts = {f"slope, {name}": f"{fit.x[-1, 1]:.3f}" for name, fit in fits.items()}
-        return texts | {f"its weight, {name}": f"{fits[name].weights[-1, -1]:.3f}" for name in _METHODS[1:]}
+        return texts | {
+            f"its weight, {name}": f"{fits[name].weights[-1, -1]:.3f}" for name in _METHODS[1:]
+        }
 
     def code(self, *, height: float, place: float, seed: int) -> str:
         """Return the three fits."""

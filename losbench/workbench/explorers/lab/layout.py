@@ -8,23 +8,24 @@ from typing import Any, ClassVar
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats, Indices
 from losbench.estimation.breakdown import design_breakdown
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Slider
-from losbench.workbench.smallsystems import spot_rows
+from losbench.workbench.explorers.lab.smallsystems import spot_rows
 
 __all__ = ["YourLayout", "ring"]
 
-Floats = NDArray[np.float64]
 
 _MOST = 14
 
 
 class YourLayout(Explorer):
-    """Spots on an arc, one of them pulled away: the turn that the worst bad spots could fake, and their share."""
+    """Spots on an arc, one of them pulled away: the turn that the worst bad spots could fake, and
+    their share.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "spots": Slider("spots", 8, 2, _MOST, 1),
@@ -41,13 +42,26 @@ class YourLayout(Explorer):
         """Draw the layout, and the share of the worst k spots."""
         left, right = figure.subplots(1, 2)
         (self._spots,) = left.plot([], [], "o", ms=8, color=COLOURS["blue"])
-        (self._worst,) = left.plot([], [], "o", ms=15, mfc="none", mew=1.8, color=COLOURS["vermilion"])
+        (self._worst,) = left.plot(
+            [], [], "o", ms=15, mfc="none", mew=1.8, color=COLOURS["vermilion"]
+        )
         (self._pivot,) = left.plot([], [], "+", ms=14, mew=1.8, color=COLOURS["black"])
-        left.set(xlim=(-2.2, 5.5), ylim=(-2.6, 2.6), aspect="equal", xlabel="u (radii)", ylabel="v (radii)")
+        left.set(
+            xlim=(-2.2, 5.5),
+            ylim=(-2.6, 2.6),
+            aspect="equal",
+            xlabel="u (radii)",
+            ylabel="v (radii)",
+        )
         left.set_title("○ too many bad ones  + the turn they fake", fontsize=10)
         (self._shares,) = right.plot([], [], "o-", color=COLOURS["blue"], ms=5)
         right.axhline(0.5, color=COLOURS["vermilion"], lw=1.2, ls="--")
-        right.set(xlim=(-0.3, 7.3), ylim=(0.0, 1.02), xlabel="bad spots k", title="largest share of k spots in a pull")
+        right.set(
+            xlim=(-0.3, 7.3),
+            ylim=(0.0, 1.02),
+            xlabel="bad spots k",
+            title="largest share of k spots in a pull",
+        )
         return [self._spots, self._worst, self._pivot, self._shares]
 
     def update(self, *, spots: int, arc_deg: int, away: float) -> Mapping[str, str]:
@@ -84,7 +98,7 @@ found = lb.design_breakdown(A.reshape(-1, 3), group=np.repeat(np.arange({spots})
 print(found.monotone, found.any)"""
 
 
-def ring(spots: int) -> tuple[Floats, NDArray[np.intp]]:
+def ring(spots: int) -> tuple[Floats, Indices]:
     """Rows of spots on a unit circle, and the spot of each row."""
     turn = 2.0 * np.pi * np.arange(spots) / spots
     return spot_rows(np.cos(turn), np.sin(turn)), np.repeat(np.arange(spots), 2)

@@ -23,13 +23,18 @@ _HEIGHT = 0.0
 
 
 class Leverage(Explorer):
-    """A bad point that moves along x at the same height: the fits, and their slope over its place."""
+    """A bad point that moves along x at the same height: the fits, and their slope over its
+    place.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "place": Slider("place of the bad point", 30.0, 0.0, 60.0, 0.5),
         "seed": Field("seed", 0, whole_number),
     }
-    presets: ClassVar[dict[str, dict[str, Any]]] = {"in the middle": {"place": 5.5}, "far out": {"place": 60.0}}
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "in the middle": {"place": 5.5},
+        "far out": {"place": 60.0},
+    }
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw the points, and the slope over the place of the bad one."""
@@ -37,12 +42,21 @@ class Leverage(Explorer):
         (self._points,) = left.plot([], [], "o", ms=4, color=COLOURS["black"])
         (self._bad,) = left.plot([], [], "x", ms=9, mew=2.0, color=COLOURS["vermilion"])
         self._lines = lines(left, _METHODS)
-        left.set(xlim=(-1, 62), ylim=(-3, 12), xlabel="x", ylabel="y", title="move the cross along x")
+        left.set(
+            xlim=(-1, 62), ylim=(-3, 12), xlabel="x", ylabel="y", title="move the cross along x"
+        )
         left.legend(fontsize=8, loc="upper right")
         self._slopes = lines(right, _METHODS, label=False)
-        (self._h,) = right.plot([], [], color=COLOURS["black"], lw=1.0, label="leverage h of the bad point")
+        (self._h,) = right.plot(
+            [], [], color=COLOURS["black"], lw=1.0, label="leverage h of the bad point"
+        )
         self._here = right.axvline(0.0, color=COLOURS["vermilion"], lw=1.0)
-        right.set(xlim=(0, 60), ylim=(-0.25, 1.05), xlabel="place of the bad point", title="slope (truth 0.5)")
+        right.set(
+            xlim=(0, 60),
+            ylim=(-0.25, 1.05),
+            xlabel="place of the bad point",
+            title="slope (truth 0.5)",
+        )
         right.legend(fontsize=8, loc="center right")
         return [
             self._points,

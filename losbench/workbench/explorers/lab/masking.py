@@ -1,4 +1,6 @@
-"""Scene 6: masking. Outliers that vouch for each other pass every test that takes them one at a time."""
+"""Scene 6: masking. Outliers that vouch for each other pass every test that takes them one at a
+time.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,19 @@ _LIMIT = 3.0
 
 
 class Masking(Explorer):
-    """A few points lifted at the end of a line, hunted in two ways: one by one, and against a fit they cannot move."""
+    """A few points lifted at the end of a line, hunted in two ways: one by one, and against a fit
+    they cannot move.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "bad": Slider("bad points", 2, 0, 6, 1),
         "off": Slider("lifted by", 6.0, 0.0, 15.0, 0.2),
         "seed": Field("seed", 0, whole_number),
     }
-    presets: ClassVar[dict[str, dict[str, Any]]] = {"one alone": {"bad": 1}, "three together": {"bad": 3}}
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "one alone": {"bad": 1},
+        "three together": {"bad": 3},
+    }
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw the data, and the two measures of every point."""
@@ -43,9 +50,17 @@ class Masking(Explorer):
         (self._single,) = right.plot(
             [], [], "s", ms=5, color=COLOURS["orange"], label="deletion residual, least squares"
         )
-        (self._robust,) = right.plot([], [], "o", ms=5, color=COLOURS["green"], label="residual / scale, MM")
+        (self._robust,) = right.plot(
+            [], [], "o", ms=5, color=COLOURS["green"], label="residual / scale, MM"
+        )
         right.axhline(_LIMIT, color=COLOURS["vermilion"], lw=1.2, ls="--")
-        right.set(yscale="log", xlim=(-1, _COUNT), ylim=(0.01, 300), xlabel="row", title="who is suspected: above 3")
+        right.set(
+            yscale="log",
+            xlim=(-1, _COUNT),
+            ylim=(0.01, 300),
+            xlabel="row",
+            title="who is suspected: above 3",
+        )
         right.legend(fontsize=8, loc="upper left")
         return [self._points, *self._lines.values(), self._bad, self._single, self._robust]
 
@@ -64,9 +79,13 @@ class Masking(Explorer):
         for marks, values in ((self._single, single), (self._robust, robust)):
             marks.set_data(x, np.clip(values, 0.011, 290.0))
         counts = {"one by one": single > _LIMIT, "against MM": robust > _LIMIT}
-        texts = {f"bad ones found, {name}": f"{int((found & lifted).sum())} of {bad}" for name, found in counts.items()}
+        texts = {
+            f"bad ones found, {name}": f"{int((found & lifted).sum())} of {bad}"
+            for name, found in counts.items()
+        }
         return texts | {
-            f"good ones accused, {name}": f"{int((found & ~lifted).sum())}" for name, found in counts.items()
+            f"good ones accused, {name}": f"{int((found & ~lifted).sum())}"
+            for name, found in counts.items()
         }
 
     def code(self, *, bad: int, off: float, seed: int) -> str:
@@ -75,5 +94,6 @@ class Masking(Explorer):
             f"y[{_COUNT - bad}:] += {off}\n"
             "A = np.column_stack([np.ones_like(x), x])\n"
             "fit = lb.mm(A, y)\n"
-            "print(np.flatnonzero(np.abs(lb.deletion_residuals(lb.lstsq(A, y))) > 3), np.flatnonzero(fit.outliers()))"
+            "print(np.flatnonzero(np.abs(lb.deletion_residuals(lb.lstsq(A, y))) > 3), "
+            "np.flatnonzero(fit.outliers()))"
         )

@@ -8,21 +8,24 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.estimation.highbreakdown import lts, mm
 from losbench.estimation.robust import RobustFit, irls, lstsq
 from losbench.figures import COLOURS
 
 __all__ = ["ERROR", "HEAD", "TRUTH", "all_fits", "design", "line", "lines"]
 
-Floats = NDArray[np.float64]
 
 TRUTH = np.array([1.0, 0.5])
 ERROR = 0.3
 _LOOKS: dict[str, dict[str, Any]] = {
     "least squares": {"color": COLOURS["orange"], "ls": "--"},
-    "Huber": {"color": COLOURS["blue"], "ls": "-", "zorder": 1.9},  # under the broken ones: they often coincide
+    "Huber": {
+        "color": COLOURS["blue"],
+        "ls": "-",
+        "zorder": 1.9,
+    },  # under the broken ones: they often coincide
     "LTS": {"color": COLOURS["purple"], "ls": ":"},
     "MM": {"color": COLOURS["green"], "ls": "-."},
 }
@@ -64,6 +67,8 @@ def all_fits(A: Floats, y: Floats, names: Sequence[str]) -> dict[str, RobustFit]
 def lines(axes: Axes, names: Sequence[str], *, label: bool = True, **style: Any) -> dict[str, Any]:
     """Empty lines, one per method, each with its own look."""
     return {
-        name: axes.plot([], [], label=name if label else None, **{"lw": 1.8, **_LOOKS[name], **style})[0]
+        name: axes.plot(
+            [], [], label=name if label else None, **{"lw": 1.8, **_LOOKS[name], **style}
+        )[0]
         for name in names
     }

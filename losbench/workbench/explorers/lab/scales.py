@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.estimation.robust import irls, lstsq
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
@@ -19,7 +19,6 @@ from losbench.workbench.explorers.lab.layout import ring
 
 __all__ = ["ScaleIsTheHero"]
 
-Floats = NDArray[np.float64]
 
 _OFF = np.geomspace(1.0, 1000.0, 13)
 _DRAWS = 60
@@ -31,14 +30,19 @@ _RULES: dict[str, tuple[str, str, Any]] = {
 
 
 class ScaleIsTheHero(Explorer):
-    """Spots on a ring, one of them off: weight of the bad spot and error of the angle over how far off it is."""
+    """Spots on a ring, one of them off: weight of the bad spot and error of the angle over how far
+    off it is.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "off": LogSlider("bad spot off by", 100.0, 1.0, 1000.0, unit="sigma"),
         "spots": Slider("spots", 8, 3, 12, 1),
         "seed": Field("seed", 0, whole_number),
     }
-    presets: ClassVar[dict[str, dict[str, Any]]] = {"four spots": {"spots": 4}, "three spots": {"spots": 3}}
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "four spots": {"spots": 4},
+        "three spots": {"spots": 3},
+    }
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw both panels."""
@@ -53,8 +57,20 @@ class ScaleIsTheHero(Explorer):
         }
         (self._least,) = right.plot([], [], color=COLOURS["orange"], ls=":", label="least squares")
         self._here = [axes.axvline(1.0, color=COLOURS["black"], lw=1.0) for axes in (left, right)]
-        left.set(xscale="log", yscale="log", xlim=(1, 1000), ylim=(1e-3, 1.5), title="weight of the bad spot")
-        right.set(xscale="log", yscale="log", xlim=(1, 1000), ylim=(0.2, 500), title="error of the angle, RMS (sigma)")
+        left.set(
+            xscale="log",
+            yscale="log",
+            xlim=(1, 1000),
+            ylim=(1e-3, 1.5),
+            title="weight of the bad spot",
+        )
+        right.set(
+            xscale="log",
+            yscale="log",
+            xlim=(1, 1000),
+            ylim=(0.2, 500),
+            title="error of the angle, RMS (sigma)",
+        )
         for axes in (left, right):
             axes.set_xlabel("bad spot off by (sigma)")
             axes.legend(fontsize=8, loc="lower left" if axes is left else "upper left")
@@ -101,7 +117,9 @@ def _curves(name: str, spots: int, seed: int) -> tuple[Floats, Floats]:
 
 
 def _solved(name: str, spots: int, seed: int, off: Floats) -> tuple[Floats, Floats]:
-    """Mean weight of the bad spot, and root mean square error of the first unknown, for each distance (k,)."""
+    """Mean weight of the bad spot, and root mean square error of the first unknown, for each
+    distance (k,).
+    """
     A, group = ring(spots)
     rng = np.random.default_rng(seed)
     b = np.repeat(rng.standard_normal((_DRAWS, spots, 2))[None], len(off), axis=0)

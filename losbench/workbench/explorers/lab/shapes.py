@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from losbench.arrays import Floats
 from losbench.estimation.influence import efficiency, gross_error_sensitivity
 from losbench.estimation.losses import Bisquare, Cauchy, Hampel, Huber, Welsch
 from losbench.figures import COLOURS
@@ -20,19 +20,25 @@ from losbench.workbench.explorers.controls import Choice, Control, Slider
 
 __all__ = ["LossShapes"]
 
-_LOSSES: dict[str, Any] = {loss.__name__: loss() for loss in (Huber, Bisquare, Cauchy, Welsch, Hampel)}
+_LOSSES: dict[str, Any] = {
+    loss.__name__: loss() for loss in (Huber, Bisquare, Cauchy, Welsch, Hampel)
+}
 _U = np.linspace(-8.0, 8.0, 321)
 _FACTORS = np.linspace(0.2, 2.0, 37)
 
 
 class LossShapes(Explorer):
-    """One of five losses: rho, psi and weight over the residual, and its efficiency over its constant."""
+    """One of five losses: rho, psi and weight over the residual, and its efficiency over its
+    constant.
+    """
 
     controls: ClassVar[dict[str, Control]] = {
         "loss": Choice("loss", {name: name for name in _LOSSES}, "Huber"),
         "factor": Slider("constant, in that of 95 %", 1.0, 0.2, 2.0, 0.02),
     }
-    presets: ClassVar[dict[str, dict[str, Any]]] = {"nearly the median": {"loss": "Huber", "factor": 0.2}}
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "nearly the median": {"loss": "Huber", "factor": 0.2}
+    }
     size_in = (8.4, 3.1)
 
     def build(self, figure: Figure) -> Sequence[Artist]:
@@ -42,7 +48,12 @@ class LossShapes(Explorer):
         self._curves = []
         for axes, (title, top) in zip(panels, titles.items(), strict=False):
             self._curves += axes.plot([], [], color=COLOURS["blue"])
-            axes.set(title=title, xlim=(-8, 8), ylim=(-4.0 if title[-4:] == "ψ(u)" else -0.02, top), xlabel="u")
+            axes.set(
+                title=title,
+                xlim=(-8, 8),
+                ylim=(-4.0 if title[-4:] == "ψ(u)" else -0.02, top),
+                xlabel="u",
+            )
         panels[0].plot(_U, _U**2 / 2, color=COLOURS["black"], lw=0.7, ls="--")
         panels[1].plot(_U, _U, color=COLOURS["black"], lw=0.7, ls="--")
         (self._cost,) = panels[3].plot([], [], color=COLOURS["black"])
@@ -54,7 +65,9 @@ class LossShapes(Explorer):
     def update(self, *, loss: str, factor: float) -> Mapping[str, str]:
         """Draw the loss with this constant."""
         chosen = _scaled(loss, factor)
-        for line, values in zip(self._curves, (chosen.rho(_U), chosen.psi(_U), chosen.weights(_U)), strict=True):
+        for line, values in zip(
+            self._curves, (chosen.rho(_U), chosen.psi(_U), chosen.weights(_U)), strict=True
+        ):
             line.set_data(_U, values)
         self._cost.set_data(_FACTORS, 100.0 * _efficiencies(loss))
         kept = efficiency(chosen)
@@ -69,7 +82,9 @@ class LossShapes(Explorer):
 
     def code(self, *, loss: str, factor: float) -> str:
         """Return the loss and its two numbers."""
-        constants = ", ".join(f"{name}={value!r}" for name, value in vars(_scaled(loss, factor)).items())
+        constants = ", ".join(
+            f"{name}={value!r}" for name, value in vars(_scaled(loss, factor)).items()
+        )
         return (
             "import losbench as lb\n\n"
             f"loss = lb.{loss}({constants})\n"
@@ -83,5 +98,5 @@ def _scaled(loss: str, factor: float) -> Any:
 
 
 @cache
-def _efficiencies(loss: str) -> NDArray[np.float64]:
+def _efficiencies(loss: str) -> Floats:
     return np.array([efficiency(_scaled(loss, float(factor))) for factor in _FACTORS])

@@ -1,0 +1,1 @@
+"""Optics: where light goes and how the camera moves."""

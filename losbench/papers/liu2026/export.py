@@ -1,0 +1,119 @@
+"""The warm-up as a camera would record it: whole frames on disk, with temperature log, camera file
+and truth.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tqdm import tqdm
+
+from losbench.checks import integer
+from losbench.imaging.spots import render_spots
+from losbench.papers.liu2026.scenario import ThermalBench
+from losbench.papers.liu2026.twin import WarmUp, warm_up
+from losbench.resources import free_folder, write_whole
+from losbench.units import rad_to_arcsec
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["write_recording"]
+
+_FRAME = re.compile(r"frame-\d{5}\.tif")
+
+
+def write_recording(
+    out: str | Path,
+    *,
+    n_frames: int = 200,
+    seed: int = 0,
+    bench: ThermalBench | None = None,
+    force: bool = False,
+    progress: bool = False,
+) -> Path:
+    """Write the twin's warm-up to a folder that ``losbench measure`` reads.
+
+    Parameters
+    ----------
+    out : path
+        Gets ``frames/frame-00000.tif`` ..., ``times.csv``, ``temperature.csv`` (the room, each
+        minute), ``camera.toml`` (with its detector) and ``truth.csv`` (angles and spot positions).
+    n_frames : int
+        Frames, spread evenly over the warm-up.
+    seed : int
+        Seed of the detector's noise.
+    bench : ThermalBench, optional
+        The twin; by default as assumed for the paper.
+    force : bool
+        Write into a folder that is not empty, in place of an earlier simulation's frames.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        If ``out`` holds anything and ``force`` is not set.
+    ValueError
+        If ``n_frames`` is below 2.
+    """
+    import cv2
+
+    setting = bench or ThermalBench()
+    integer("n_frames", n_frames, low=2)
+    integer("seed", seed, low=0)
+    folder = free_folder(out, force=force)
+    run = warm_up(setting, time_s=np.linspace(0.0, setting.duration_s, n_frames))
+    frames = folder / "frames"
+    frames.mkdir(parents=True, exist_ok=True)
+    for old in frames.iterdir():
+        if _FRAME.fullmatch(old.name):
+            old.unlink()
+    rng = np.random.default_rng(seed)
+    for k in tqdm(range(n_frames), desc="frames", unit="frame", delay=2, disable=not progress):
+        electrons = np.full(setting.shape, setting.background_e)
+        for spot, flux in zip(run.truth_px[k], setting.flux_e, strict=True):
+            x, y = np.rint(spot).astype(int) - setting.window_px // 2
+            window = electrons[y : y + setting.window_px, x : x + setting.window_px]
+            window += render_spots(spot[None], flux, setting.spot_sigma_px, window.shape, (x, y))
+        done, coded = cv2.imencode(".tif", setting.detector.expose(electrons, rng))
+        if not done:
+            raise OSError(f"frame {k} could not be coded as TIFF")
+        write_whole(frames / f"frame-{k:05d}.tif", coded.tobytes())
+    for name, table in _tables(run).items():
+        write_whole(folder / name, table.to_csv(index=False, lineterminator="\n"))
+    write_whole(
+        folder / "camera.toml", setting.camera.to_toml() + "\n" + setting.detector.to_toml()
+    )
+    return folder
+
+
+def _tables(run: WarmUp) -> dict[str, pd.DataFrame]:
+    import pandas as pd
+
+    log_s = np.unique(np.append(np.arange(0.0, run.time_s[-1], 60.0), run.time_s[-1]))
+    room = np.interp(log_s, run.time_s, run.room_degC)
+    angles = rad_to_arcsec(run.angles_rad).T
+    spots = {
+        f"{axis}{n + 1}_px": run.truth_px[:, n, i] for n in range(2) for i, axis in enumerate("xy")
+    }
+    return {
+        "times.csv": pd.DataFrame({"time_s": run.time_s}),
+        "temperature.csv": pd.DataFrame({"time_s": log_s, "temperature_degC": room.round(3)}),
+        "truth.csv": pd.DataFrame(
+            {"time_s": run.time_s}
+            | {
+                f"{name}_arcsec": angle
+                for name, angle in zip(("alpha", "beta", "gamma"), angles, strict=True)
+            }
+            | spots
+        ),
+    }

@@ -1,0 +1,1 @@
+"""The numbers behind every figure and table of liu2026."""

@@ -1,0 +1,17 @@
+from .results import accuracy as accuracy
+from .results import floor_px as floor_px
+from .results import gyro_errors as gyro_errors
+from .results import one_frequency as one_frequency
+from .results import one_rotation as one_rotation
+from .results import quiet as quiet
+from .results import readings as readings
+from .results import sigma_sweep as sigma_sweep
+from .results import width_error as width_error
+from .scenario import HALF_TURN as HALF_TURN
+from .scenario import TABLE_1 as TABLE_1
+from .scenario import Setting as Setting
+from .twin import Exposures as Exposures
+from .twin import example as example
+from .twin import expose as expose
+from .twin import random_exposures as random_exposures
+from .twin import traditional_shift_px as traditional_shift_px

@@ -1,0 +1,15 @@
+from .export import write_telemetry as write_telemetry
+from .results.analysis import budget as budget
+from .results.analysis import closure as closure
+from .results.analysis import split_table as split_table
+from .results.figures import Campaign as Campaign
+from .results.figures import Tracks as Tracks
+from .results.figures import campaign as campaign
+from .results.figures import evaluate as evaluate
+from .results.figures import first_order as first_order
+from .results.figures import table_1 as table_1
+from .scenario import CONVENTION as CONVENTION
+from .scenario import Pair as Pair
+from .twin import Simulation as Simulation
+from .twin import body_attitude as body_attitude
+from .twin import simulate as simulate

@@ -1,0 +1,1 @@
+"""Telemetry: your quaternions, with their drift taken out."""

@@ -1,0 +1,219 @@
+"""The drift of a pair of star cameras taken out of its telemetry: ``losbench drift``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from losbench.arrays import Floats, Ints
+from losbench.checks import integer
+from losbench.pointing.starcamera import CorrectedPair, correct_pair, split_tracks
+from losbench.resources import free_folder, write_whole
+from losbench.telemetry.columns import TelemetryFormat
+from losbench.telemetry.notes import change_notes, clock_notes, head_notes, slow_notes
+from losbench.telemetry.read import Telemetry, read_telemetry
+from losbench.telemetry.tracks import short_notes, track_lines, track_table
+from losbench.units import rad_to_arcsec
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["PairReport", "correct_telemetry"]
+
+
+_SHORTEST_STEP_S = 1e-3  # no star camera is faster
+
+
+@dataclass(frozen=True)
+class PairReport:
+    """What the telemetry of a pair says.
+
+    Attributes
+    ----------
+    telemetry, pair : Telemetry, CorrectedPair
+        What went in, and what the chain made of it.
+    angle : DataFrame
+        One row per sample: time_s, track, angle before and after less the design angle, drift of
+        both heads, arcsec.
+    tracks : DataFrame
+        One row per track: means with their one-sigma errors, and total, LSFE and NEA before and
+        after (3 sigma, arcsec; the paper's and unbiased forms with one-sigma uncertainties). NaN
+        where the track cannot tell.
+    notes : tuple of str
+        What the reader must know, a line each.
+    """
+
+    telemetry: Telemetry
+    pair: CorrectedPair
+    angle: pd.DataFrame
+    tracks: pd.DataFrame
+    notes: tuple[str, ...]
+
+    def summary(self) -> str:
+        """Return the report as text: every track in a line, then the notes."""
+        return "\n".join([*track_lines(self.tracks), *self.notes])
+
+    def write(self, folder: Path) -> None:
+        """Write ``corrected.csv``, ``angle.csv``, ``tracks.csv``, ``angle.png``, ``drift.png`` and
+        ``report.txt``.
+        """
+        from losbench.figures import png, styled
+        from losbench.telemetry.pictures import angle_figure, drift_figure
+
+        time = self.telemetry.pair.time_s
+        order = "xyzw" if self.telemetry.pair.convention.scalar == "last" else "wxyz"
+        angle = self.angle.assign(time_s=np.char.mod("%.6f", time))
+        corrected = _corrected_table(time, self.pair.quaternions, order)
+        if self.telemetry.start is not None:
+            for table in (angle, corrected):
+                table.insert(0, "time", _utc(self.telemetry.start, time))
+        files: dict[str, str | bytes] = {
+            "corrected.csv": corrected.to_csv(
+                index=False, lineterminator="\n", float_format="%.12f"
+            ),
+            "angle.csv": angle.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
+            "tracks.csv": self.tracks.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
+            "report.txt": self.summary() + "\n",
+        }
+        with styled():
+            files |= {
+                "angle.png": png(angle_figure(self.angle)),
+                "drift.png": png(drift_figure(self.angle)),
+            }
+        for name, content in files.items():
+            write_whole(folder / name, content)
+
+
+def correct_telemetry(
+    telemetry: str | Path,
+    out: str | Path,
+    *,
+    columns: str | Path | None = None,
+    smooth_s: float | None = None,
+    window: int = 5,
+    track_gap_s: float = 60.0,
+    max_gap_s: float = 10.0,
+    force: bool = False,
+) -> PairReport:
+    """Correct a pair's telemetry for its drift and write what came of it to a folder.
+
+    Stellar aberration must be out of the quaternions already (`remove_aberration`): it turns heads
+    that look different ways by different angles.
+
+    Parameters
+    ----------
+    telemetry : path
+        CSV file with times, quaternions of two heads and positions of their reference spots.
+    out : path
+        Folder to write to, see :meth:`PairReport.write`.
+    columns : path, optional
+        TOML file with the names and conventions (`TelemetryFormat`); by default the CSV file's name
+        ending in .toml.
+    smooth_s : float, optional
+        Low-pass the drift over so many seconds before it corrects.
+    window : int
+        Samples of the sliding mean that splits LSFE from NEA.
+    track_gap_s : float
+        A longer gap begins a new track.
+    max_gap_s : float
+        Drifts are interpolated between spots that were seen no farther apart than this.
+    force : bool
+        Write into a folder that is not empty.
+
+    Returns
+    -------
+    PairReport
+        With a table of one row per sample, and the corrected quaternions as (2, n, 4) arrays.
+
+    Raises
+    ------
+    FileExistsError
+        If ``out`` holds anything and ``force`` is not set.
+    ValueError
+        If the telemetry or its description is faulty; the message names file, column and row. If
+        the times are too close or too far apart to be seconds.
+    """
+    integer("window", window, low=3)
+    source = Path(telemetry)
+    folder = free_folder(out, force=force)
+    described = Path(columns) if columns is not None else source.with_suffix(".toml")
+    if not source.is_file():
+        raise FileNotFoundError(f"no telemetry at {source}: expected a CSV file")
+    if not described.is_file():
+        raise FileNotFoundError(
+            f"no description of the columns at {described}: write one, or name it with --columns"
+        )
+    form = TelemetryFormat.from_toml(described)
+    read = read_telemetry(source, form)
+    sigma = None if form.spot_sigma_um is None else form.spot_sigma_um * 1e-3
+    track = split_tracks(read.pair.time_s, gap_s=track_gap_s)
+    _check_steps(read.pair.time_s, track, source.name, track_gap_s)
+    pair = correct_pair(read.pair, sigma_mm=sigma, smooth_s=smooth_s, max_gap_s=max_gap_s)
+    angle = _angle_table(read, pair, form.design_angle_deg, track)
+    tracks = track_table(angle, read, window)
+    notes = (
+        *read.notes,
+        *short_notes(tracks, window),
+        *head_notes(pair, sigma_mm=sigma, smooth_s=smooth_s, max_gap_s=max_gap_s),
+        *change_notes(tracks),
+        *slow_notes(tracks),
+        *clock_notes(read, angle),
+    )
+    report = PairReport(read, pair, angle, tracks, notes)
+    report.write(folder)
+    return report
+
+
+def _check_steps(time_s: Floats, track: Ints, file: str, track_gap_s: float) -> None:
+    if len(time_s) < 3:
+        return
+    step = float(np.median(np.diff(time_s)))
+    if step < _SHORTEST_STEP_S:
+        raise ValueError(
+            f"{file}: times must be in seconds, but the median step is {step:.3g} s; are they days?"
+        )
+    if 2 * (track[-1] + 1) > len(time_s):
+        raise ValueError(
+            f"{file}: times must be in seconds, but most samples stand more than {track_gap_s:g} s "
+            "apart, the median "
+            f"step is {step:.4g} s; are they milliseconds? If not, set a longer track_gap_s"
+        )
+
+
+def _angle_table(
+    read: Telemetry, pair: CorrectedPair, design_deg: float, track: Ints
+) -> pd.DataFrame:
+    import pandas as pd
+
+    drift = rad_to_arcsec(pair.drift)
+    return pd.DataFrame(
+        {
+            "time_s": read.pair.time_s,
+            "track": track + 1,
+            "before_arcsec": rad_to_arcsec(pair.before_rad - np.radians(design_deg)),
+            "after_arcsec": rad_to_arcsec(pair.after_rad - np.radians(design_deg)),
+        }
+        | {
+            f"drift_{k + 1}_{axis}_arcsec": drift[k, :, i]
+            for k in range(2)
+            for i, axis in enumerate("xyz")
+        }
+    )
+
+
+def _utc(start: np.datetime64, time_s: Floats) -> NDArray[np.str_]:
+    moments = start + np.rint(1e6 * time_s).astype("timedelta64[us]")
+    return np.char.add(moments.astype("datetime64[us]").astype(str), "Z")
+
+
+def _corrected_table(time_s: Floats, quaternions: Floats, order: str) -> pd.DataFrame:
+    import pandas as pd
+
+    columns = {
+        f"q{k + 1}_{axis}": quaternions[k, :, i] for k in range(2) for i, axis in enumerate(order)
+    }
+    return pd.DataFrame({"time_s": time_s} | columns)

@@ -1,0 +1,287 @@
+"""Telemetry of a pair of star cameras from a CSV file, checked."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from losbench.arrays import Floats, Ints
+from losbench.logs import FrameTimes, numbers, read_table, times_from_utc
+from losbench.pointing.starcamera import (
+    PairTelemetry,
+    QuaternionConvention,
+    check_design,
+    interpolate_attitude,
+    split_tracks,
+)
+from losbench.telemetry.columns import TelemetryFormat
+from losbench.units import ARCSEC_PER_RAD
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Telemetry", "read_telemetry"]
+
+
+_UNIT = 1e-3  # text of three decimals keeps unit length to this
+_FEWEST_DECIMALS = 8  # below, rounding is seen in the angle
+_FARTHEST = 0.005  # of the focal length: the shift that a turn of 1000 arcsec makes
+_SLOWEST_S = 1.0  # step that two clocks are bridged over
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """A pair's telemetry as read: times as in the file or since ``start``, where UTC is known; what
+    was noticed.
+    """
+
+    pair: PairTelemetry
+    start: np.datetime64 | None
+    notes: tuple[str, ...]
+
+
+def read_telemetry(path: str | Path, form: TelemetryFormat) -> Telemetry:
+    """Read and check a pair's telemetry.
+
+    Parameters
+    ----------
+    path : path
+        CSV file.
+    form : TelemetryFormat
+        What its columns mean.
+
+    Returns
+    -------
+    Telemetry
+        A row with a NaN in a quaternion or a spot is kept as missing; a row without a time is left
+        out.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, times do not increase, a quaternion is not of unit length, the
+        boresights do not stand as designed (a mixed-up convention), or the heads do not overlap in
+        time.
+
+    Warns
+    -----
+    UserWarning
+        If the quaternions have so few decimals that rounding shows, with what it costs in arcsec.
+    """
+    table, name = read_table(path), Path(path).name
+    missing = [column for column in form.columns if column not in table.columns]
+    if missing:
+        raise ValueError(
+            f"{name} has no column {', '.join(missing)}; it has "
+            f"{', '.join(map(str, table.columns))}"
+        )
+    clocks = [_clock(table, column, name) for column in form.clocks]
+    if len({clock.start is None for clock in clocks}) > 1:
+        raise ValueError(
+            f"{name}: columns {' and '.join(form.clocks)} must both hold seconds, or both UTC"
+        )
+    times = [clock.seconds_since(clocks[0], "the second head") for clock in clocks]
+    notes: list[str] = []
+    first, second = (
+        _head(table, form, k, times[min(k, len(times) - 1)], name, notes) for k in range(2)
+    )
+    _warn_of_rounding(np.concatenate([first.quaternions, second.quaternions]), notes)
+    if len(times) == 2:
+        second = _on_clock_of(first, second, form.convention)
+        at, without = first.time_s, np.isnan(second.quaternions).any(axis=1)
+        notes.append(
+            "The second head is interpolated to the first one's times, which lowers its noise; "
+            f"{np.count_nonzero(without)} of {len(at)} lie outside its own or in a gap of more "
+            f"than {_SLOWEST_S:g} s."
+        )
+    quaternions = np.stack([first.quaternions, second.quaternions])
+    if np.isnan(quaternions).any(axis=(0, 2)).all():
+        raise ValueError(f"{name}: no row has the attitudes of both heads")
+    check_design(
+        *quaternions,
+        convention=form.convention,
+        angle_deg=form.design_angle_deg,
+        boresight=np.array(form.boresight),
+    )
+    pair = PairTelemetry(
+        time_s=first.time_s,
+        quaternions=quaternions,
+        points_mm=np.stack([first.points_mm, second.points_mm]),
+        shifts_mm=np.stack([first.shifts_mm, second.shifts_mm]),
+        convention=form.convention,
+        installation=np.stack([np.array(head.installation) for head in (form.head_1, form.head_2)]),
+        boresight=form.boresight,
+    )
+    return Telemetry(pair, clocks[0].start, tuple(dict.fromkeys(notes)))
+
+
+@dataclass(frozen=True)
+class _Head:
+    """One head on its own clock: times (n,), quaternions (n, 4), shifts (n, m, 2), reference points
+    (m, 3).
+    """
+
+    time_s: Floats
+    quaternions: Floats
+    shifts_mm: Floats
+    points_mm: Floats
+
+
+def _head(
+    table: pd.DataFrame, form: TelemetryFormat, k: int, time_s: Floats, file: str, notes: list[str]
+) -> _Head:
+    """Read and check head ``k``, leaving out the rows without its time; what is noticed goes to
+    ``notes``.
+    """
+    columns, clock = (form.head_1, form.head_2)[k], form.clocks[min(k, len(form.clocks) - 1)]
+    quaternions = _columns(table, columns.quaternion, file)
+    quaternions = np.where(np.isfinite(quaternions).all(axis=1, keepdims=True), quaternions, np.nan)
+    spots = _columns(table, [c for xy in columns.spots for c in xy], file)
+    timed = np.isfinite(time_s)
+    lost = np.count_nonzero(
+        ~timed & np.isfinite(np.concatenate([quaternions, spots], axis=1)).any(axis=1)
+    )
+    if lost:
+        notes.append(f"{lost} of {len(table)} rows have no {clock} and are left out.")
+    t, quaternions, spots, rows = (
+        time_s[timed],
+        quaternions[timed],
+        spots[timed],
+        np.flatnonzero(timed) + 1,
+    )
+    _check_order(t, f"{file}: column {clock!r}", rows)
+    _check_head(quaternions, spots, f"{file}: head {k + 1}", rows)
+    position, reference = _near(spots.reshape(len(t), -1, 2), t, rows, form, k, notes)
+    notes += _remarks(f"Head {k + 1}", t, quaternions, position)
+    flat_mm = (reference - np.array(form.principal)) * form.unit_mm
+    points = np.concatenate([flat_mm, np.full_like(flat_mm[:, :1], form.focal_mm)], axis=1)
+    return _Head(t, quaternions, (position - reference) * form.unit_mm, points)
+
+
+def _near(
+    position: Floats, time_s: Floats, rows: Ints, form: TelemetryFormat, k: int, notes: list[str]
+) -> tuple[Floats, Floats]:
+    """Positions (n, m, 2) without those too far from their reference for a drift, and the reference
+    (m, 2).
+    """
+    given = (form.head_1, form.head_2)[k].reference
+    first_track = split_tracks(time_s) == 0
+    if not given and not np.isfinite(position[first_track]).all(axis=(1, 2)).any():
+        raise ValueError(
+            "no row of the first track shows all spots: give their reference positions"
+        )
+    centre = np.array(given) if given else np.nanmedian(position[first_track], axis=0)
+    farthest = _FARTHEST * form.focal_mm / form.unit_mm
+    length = np.linalg.norm(position - centre, axis=-1)
+    far = length > farthest
+    for spot in range(far.shape[1]):
+        seen = length[np.isfinite(length[:, spot]), spot]
+        if seen.size and np.median(seen) > farthest:
+            raise ValueError(
+                f"head {k + 1}: spot {spot + 1} is too far from its reference for a drift: check "
+                "its columns, "
+                "spot_unit, principal and reference"
+            )
+        if far[:, spot].any():
+            notes.append(
+                f"Head {k + 1}: in {np.count_nonzero(far[:, spot])} of {len(rows)} rows spot "
+                f"{spot + 1} lies more than "
+                f"{farthest:.3g} {form.spot_unit} from its reference, farther than any drift, and "
+                "is left out there; "
+                f"the first is row {rows[np.argmax(far[:, spot])]}."
+            )
+    kept = np.where(far[..., None], np.nan, position)
+    return kept, np.array(given) if given else np.nanmean(kept[first_track], axis=0)
+
+
+def _clock(table: pd.DataFrame, column: str, name: str) -> FrameTimes:
+    if table[column].dtype.kind in "iuf":
+        return FrameTimes(numbers(table, column, name))
+    return times_from_utc(table[column].tolist(), f"column {column!r} of {name}")
+
+
+def _columns(table: pd.DataFrame, names: list[str] | tuple[str, ...], file: str) -> Floats:
+    return np.stack([numbers(table, column, file) for column in names], axis=-1)
+
+
+def _check_head(quaternions: Floats, spots: Floats, what: str, rows: Ints) -> None:
+    length = np.linalg.norm(quaternions, axis=1)
+    if np.isnan(length).all():
+        raise ValueError(f"{what} has no row with a whole quaternion")
+    bad = np.abs(length - 1.0) > _UNIT
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise ValueError(
+            f"{what}: quaternions must have unit length to {_UNIT:g}, but {np.count_nonzero(bad)} "
+            f"of {len(bad)} have "
+            f"not; row {rows[k]} has length {length[k]:.4g}"
+        )
+    seen = np.isfinite(spots.reshape(len(spots), -1, 2)).all(axis=2).sum(axis=1)
+    if seen.max() < 2:
+        raise ValueError(f"{what} has no row with two spots, which a drift takes")
+
+
+def _check_order(t: Floats, what: str, rows: Ints) -> None:
+    late = np.diff(t) <= 0
+    if late.any():
+        k = int(np.argmax(late)) + 1
+        kind = "repeats the time of" if t[k] == t[k - 1] else "is earlier than"
+        raise ValueError(
+            f"{what} must increase, but row {rows[k]} {kind} the row before; "
+            f"{np.count_nonzero(late)} rows do: "
+            "sort the file and drop duplicates"
+        )
+
+
+def _remarks(who: str, time_s: Floats, quaternions: Floats, position: Floats) -> list[str]:
+    """What the reader of the results must know of one head."""
+    neighbours = np.diff(split_tracks(time_s)) == 0
+    gone = int(np.isnan(quaternions).any(axis=1).sum())
+    dark = int(np.isnan(position).any(axis=(1, 2)).sum())
+    flips = int((neighbours & (np.vecdot(quaternions[1:], quaternions[:-1]) < 0)).sum())
+    lines = {
+        f"{who}: {gone} rows without a quaternion.": gone,
+        f"{who}: {dark} rows miss a spot.": dark,
+        f"{who}: the quaternion changes its sign {flips} times, which is harmless.": flips,
+    }
+    return [line for line, count in lines.items() if count]
+
+
+def _warn_of_rounding(quaternions: Floats, notes: list[str]) -> None:
+    decimals = _decimals(quaternions)
+    if decimals < _FEWEST_DECIMALS:
+        cost = 3.0 * np.sqrt(2.0) * 2.0 * 10.0**-decimals / np.sqrt(12.0) * ARCSEC_PER_RAD
+        text = (
+            f"quaternions hold {decimals} decimals, which costs {cost:.2g} arcsec (3 sigma) of the "
+            "angle"
+        )
+        warnings.warn(f"{text}; {_FEWEST_DECIMALS} or more would not", UserWarning, stacklevel=3)
+        notes.append(f"The {text}.")
+
+
+def _decimals(values: Floats) -> int:
+    known = values[np.isfinite(values)]
+    return next((d for d in range(1, 15) if np.abs(known - np.round(known, d)).max() < 1e-14), 15)
+
+
+def _on_clock_of(first: _Head, second: _Head, convention: QuaternionConvention) -> _Head:
+    """The second head at the times of the first."""
+    at, t = first.time_s, second.time_s
+    if at[0] > t[-1] or t[0] > at[-1]:
+        raise ValueError(
+            f"the heads must overlap in time, but the first runs from {at[0]:g} to {at[-1]:g} s "
+            f"and the second from {t[0]:g} to {t[-1]:g} s"
+        )
+    turned = interpolate_attitude(
+        t, second.quaternions, at, convention=convention, max_gap_s=_SLOWEST_S
+    )
+    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None, None]
+    moved = (1.0 - share) * second.shifts_mm[after - 1] + share * second.shifts_mm[after]
+    return _Head(
+        at, turned, np.where(np.isnan(turned[:, :1, None]), np.nan, moved), second.points_mm
+    )

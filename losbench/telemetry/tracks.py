@@ -1,0 +1,135 @@
+"""A pair's tracks, one by one: the angle's mean, its error split, and how both are told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from losbench.arrays import Floats
+from losbench.estimation.memory import variance_sampling
+from losbench.estimation.stability import mark_gaps, split_error
+from losbench.telemetry.read import Telemetry
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["ends", "short_notes", "track_lines", "track_table"]
+
+
+_SHORTEST_TRACK = 20  # samples, for an error split
+
+
+def track_lines(tracks: pd.DataFrame) -> list[str]:
+    """Every track in a line, then the change from the first to the last."""
+    return [*(_track_line(row) for _, row in tracks.iterrows()), *_change_line(tracks)]
+
+
+def track_table(angle: pd.DataFrame, read: Telemetry, window: int) -> pd.DataFrame:
+    """One row per track of the angle table, see `PairReport.tracks`."""
+    import pandas as pd
+
+    rows = []
+    for track, samples in angle.groupby("track"):
+        time = samples["time_s"].to_numpy()
+        row: dict[str, object] = {
+            "track": track,
+            "start": _instant(read.start, time[0]),
+            "samples": len(samples),
+            "missing": int(samples["after_arcsec"].isna().sum()),
+        }
+        for which in ("before", "after"):
+            series = samples[f"{which}_arcsec"].to_numpy()
+            known = np.count_nonzero(np.isfinite(series))
+            gapped = mark_gaps(time, series)
+            row[f"mean_{which}"] = np.nanmean(series) if known else np.nan
+            row[f"mean_{which}_sigma"] = (
+                np.sqrt(variance_sampling(gapped)[0]) if known > 1 else np.nan
+            )
+            row |= _split(gapped, window, which)
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _split(series: Floats, window: int, which: str) -> dict[str, object]:
+    """The error split of one track's angle, NaN where the track is too short for it."""
+    run = np.concatenate([[0], np.cumsum(np.isfinite(series))])
+    whole = np.count_nonzero(run[window:] - run[:-window] == window)
+    nothing = whole <= _least_samples(window) - window
+    paper, fair = (
+        None if nothing else split_error(series, window=window, unbiased=u) for u in (False, True)
+    )
+    row: dict[str, object] = {
+        f"{name}_{which}": np.nan if paper is None else float(getattr(paper, name))
+        for name in ("total", "lsfe", "nea")
+    }
+    if which == "before":
+        for name in ("lsfe", "nea"):
+            row[f"{name}_unbiased"] = np.nan if fair is None else float(getattr(fair, name))
+            row[f"{name}_unbiased_sigma"] = (
+                np.nan if fair is None else float(getattr(fair, f"{name}_sigma"))
+            )
+    return row
+
+
+def _least_samples(window: int) -> int:
+    return max(_SHORTEST_TRACK, 2 * window)
+
+
+def short_notes(tracks: pd.DataFrame, window: int) -> list[str]:
+    """Say how many tracks are too short or too full of gaps for an error split."""
+    short = int(tracks["total_after"].isna().sum())
+    return [
+        f"{short} of {len(tracks)} tracks have fewer than {_least_samples(window)} angles, or too "
+        f"few runs of {window} "
+        "without a gap: no split."
+    ] * (short > 0)
+
+
+def _track_line(row: pd.Series) -> str:
+    line = (
+        f"track {row['track']} at {row['start']}: angle "
+        f"{_said(row['mean_before'], '+.3f', ' arcsec from design')}, "
+        f"corrected {_said(row['mean_after'])} ({row['samples'] - row['missing']} angles); "
+    )
+    if np.isnan(row["total_before"]):
+        return line + "no split"
+    return line + (
+        f"3 sigma total {row['total_before']:.3f} -> {_said(row['total_after'], '.3f')}, "
+        f"LSFE {row['lsfe_unbiased']:.3f} +- {row['lsfe_unbiased_sigma']:.3f}, "
+        f"NEA {row['nea_unbiased']:.3f} +- {row['nea_unbiased_sigma']:.3f}"
+    )
+
+
+def ends(tracks: pd.DataFrame, *columns: str) -> tuple[pd.Series, pd.Series] | None:
+    """The first and the last track that have these columns; None if there are no two."""
+    known = tracks.dropna(subset=list(columns))
+    return (known.iloc[0], known.iloc[-1]) if len(known) > 1 else None
+
+
+def _change_line(tracks: pd.DataFrame) -> list[str]:
+    """The change from the first to the last track that has both angles, else of the uncorrected one
+    alone.
+    """
+    found = ends(tracks, "mean_before", "mean_after") or ends(tracks, "mean_before")
+    if found is None:
+        return []
+    first, last = found
+    raw, corrected = (
+        _said(last[f"mean_{which}"] - first[f"mean_{which}"]) for which in ("before", "after")
+    )
+    return [
+        f"track {first['track']} to {last['track']}: angle changed by {raw} arcsec, corrected "
+        f"{corrected}"
+    ]
+
+
+def _said(value: float, form: str = "+.3f", unit: str = "") -> str:
+    return "missing" if np.isnan(value) else format(value, form) + unit
+
+
+def _instant(start: np.datetime64 | None, seconds: float) -> str:
+    if start is None:
+        return f"{seconds:.10g} s"
+    moment = start + np.timedelta64(round(1e9 * seconds), "ns")
+    return f"{moment.astype('datetime64[ms]')}Z"

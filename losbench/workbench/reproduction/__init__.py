@@ -1,0 +1,1 @@
+"""Reproduction: every notebook run, every figure, table, page and verdict gathered."""

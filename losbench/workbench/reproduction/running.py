@@ -1,0 +1,122 @@
+"""Run one notebook in a kernel of its own, the same way every time."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import shutil
+import tempfile
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+# The imports of Jupyter take seconds, and the process that starts the workers does without: they
+# stand where needed.
+
+__all__ = ["Run", "end_with_parent", "reads_others", "run_notebook"]
+
+_QUIET_MACHINE = {
+    "PYTHONHASHSEED": "0",
+    "SOURCE_DATE_EPOCH": "0",
+    **{
+        f"{library}_NUM_THREADS": "1"
+        for library in ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR")
+    },
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One notebook of a reproduction; ``error`` names the cell and is empty where all went well."""
+
+    notebook: str
+    seconds: float
+    reused: bool = False
+    error: str = ""
+    products: tuple[str, ...] = ()
+
+
+def end_with_parent() -> None:
+    """Watch the process that started this worker: a worker whose parent was killed must not
+    linger.
+    """
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def reads_others(notebook: str) -> bool:
+    """Whether a notebook reads what the others have written: it runs last, and in the build folder
+    itself.
+    """
+    return notebook >= "90"
+
+
+def run_notebook(path: Path, folder: Path, target: Path) -> Run:
+    """Execute a notebook; its pages and whatever it saves go to ``folder``."""
+    import nbformat
+
+    from losbench.workbench.reproduction.export import notebook_to_html
+
+    started = time.perf_counter()
+    for part in ("work", "notebooks", "html"):
+        (folder / part).mkdir(parents=True)
+    build = target if reads_others(path.stem) else folder
+    try:
+        notebook = nbformat.read(path, as_version=4)
+        error = _execute(notebook, path.name, cwd=folder / "work", build=build)
+        if not error:
+            nbformat.write(notebook, folder / "notebooks" / path.name)
+            html = notebook_to_html(notebook, path.stem)
+            (folder / "html" / f"{path.stem}.html").write_text(html, encoding="utf-8")
+    except Exception as problem:
+        error = f"{path.name}: {type(problem).__name__}: {problem}"
+    shutil.rmtree(folder / "work")
+    products = tuple(sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()))
+    return Run(path.stem, time.perf_counter() - started, error=error, products=products)
+
+
+def _execute(notebook: Any, name: str, *, cwd: Path, build: Path) -> str:
+    """Run all cells in a fresh kernel and return what went wrong, the cell named, or nothing."""
+    from jupyter_client.manager import AsyncKernelManager
+    from nbclient import NotebookClient
+    from nbclient.exceptions import CellControlSignal, CellExecutionError, DeadKernelError
+
+    current: dict[str, Any] = {"id": "none", "index": -1}
+    # Sockets in a temporary folder: no race for ports, nothing left behind, and a path short enough
+    # for a socket.
+    with tempfile.TemporaryDirectory(prefix="losbench-") as sockets:
+        manager = AsyncKernelManager(
+            transport="ipc", ip=f"{sockets}/s", connection_file=f"{sockets}/kernel.json"
+        )
+        client = NotebookClient(
+            notebook,
+            km=manager,
+            timeout=600,
+            record_timing=False,
+            store_widget_state=False,
+            shutdown_kernel="immediate",
+            resources={"metadata": {"path": str(cwd)}},
+            on_cell_start=lambda cell, cell_index: current.update(id=cell.id, index=cell_index),
+        )
+        environment = {
+            **os.environ,
+            **_QUIET_MACHINE,
+            "LOSBENCH_BUILD": str(build),
+            "IPYTHONDIR": sockets,
+        }
+        try:
+            asyncio.run(client.async_execute(env=environment, cleanup_kc=True))
+        except (CellControlSignal, DeadKernelError) as problem:
+            where = f"{name}, cell {current['id']!r} (number {current['index'] + 1})"
+            raised = isinstance(problem, CellExecutionError)
+            return f"{where}: {f'{problem.ename}: {problem.evalue}' if raised else problem}"
+    return ""
