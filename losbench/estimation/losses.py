@@ -24,7 +24,7 @@ _FAR = 26.0  # exp(-26^2) is the last power of its kind that a double holds to f
 
 
 class Loss(Protocol):
-    """What `irls` asks of a loss: weights of scaled residuals, both of one shape (...)."""
+    """What `irls` asks of a loss: a weight per scaled residual, in arrays of any shape (...)."""
 
     def weights(self, u: Floats, /) -> Floats:
         """Weight of each scaled residual: 1 at u = 0, never NaN."""

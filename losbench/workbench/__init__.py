@@ -1,1 +1,5 @@
-"""The workbench: ledger and reproduction."""
+"""The workbench: explorers and exercises to learn with, the ledger, and the reproduction."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

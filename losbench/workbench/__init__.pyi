@@ -1,0 +1,2 @@
+from . import exercises as exercises
+from . import explorers as explorers
