@@ -9,7 +9,7 @@ import pytest
 
 import losbench as lb
 from losbench.papers.liu2026 import twin
-from losbench.papers.liu2026.results import angles, centroiding, geometry, warmup
+from losbench.papers.liu2026.results import angles, centroiding, geometry, twospots, warmup
 from losbench.papers.liu2026.scenario import Bench, ConstantBench, ThermalBench, next_odd
 from losbench.papers.provenance import assumptions
 from losbench.pointing.attitude import attitude_covariance
@@ -124,14 +124,12 @@ def test_the_twin_obeys_the_bound_that_table_2_breaks(constant):
     measured = centroiding.table_1(run, setting).loc["eiwa"].twin
     found = angles.table_2(run, setting).loc["LS"].twin
     for statistic in ("rms", "pv"):
-        y = (
-            0.5
-            * (measured[statistic, "A y"] + measured[statistic, "B y"])
-            * setting.camera.arcsec_per_px
-        )
+        y = max(measured[statistic, "A y"], measured[statistic, "B y"])
+        y *= setting.camera.arcsec_per_px
         assert found[statistic, "alpha"] <= y + 9.6 / 260 * found[statistic, "gamma"]
         printed = angles.TABLE_2["IRLS"][statistic]
-        assert printed[0] > 2 * angles.alpha_bound(statistic, printed[2], setting=setting).total
+        # 2 with equal weights on both y rows; any weights leave a little more room.
+        assert printed[0] > 1.8 * twospots.alpha_bound(statistic, printed[2], setting=setting).total
 
 
 def test_ls_and_irls_agree_frame_by_frame_on_the_twin(constant):

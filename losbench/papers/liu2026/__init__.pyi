@@ -1,8 +1,6 @@
 from .export import write_recording as write_recording
 from .results.angles import AXES as AXES
 from .results.angles import TABLE_2 as TABLE_2
-from .results.angles import Bound as Bound
-from .results.angles import alpha_bound as alpha_bound
 from .results.angles import contaminated_ratios as contaminated_ratios
 from .results.angles import frame_angles as frame_angles
 from .results.angles import stacked_ratios as stacked_ratios
@@ -18,6 +16,14 @@ from .results.geometry import beam_angle_deg as beam_angle_deg
 from .results.geometry import figure_1 as figure_1
 from .results.geometry import noise_free_readings as noise_free_readings
 from .results.geometry import two_spot_difference as two_spot_difference
+from .results.layout import STATISTICS as STATISTICS
+from .results.layout import LayoutFit as LayoutFit
+from .results.layout import LayoutModel as LayoutModel
+from .results.layout import fit_table_2 as fit_table_2
+from .results.layout import table_2_statistics as table_2_statistics
+from .results.twospots import Bound as Bound
+from .results.twospots import alpha_bound as alpha_bound
+from .results.twospots import two_spot_angles as two_spot_angles
 from .results.warmup import Drift as Drift
 from .results.warmup import figure_5 as figure_5
 from .results.warmup import sensitivities as sensitivities

@@ -1,10 +1,7 @@
-"""Table 2 on the twin: angles by LS and by IRLS, frame by frame and stacked, and what Table 1
-allows them to be.
-"""
+"""Table 2 on the twin: angles by LS and by IRLS, frame by frame and stacked."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,7 +10,7 @@ import numpy as np
 from losbench.arrays import Floats
 from losbench.estimation.robust import irls, lstsq
 from losbench.optics.camera import design_matrix
-from losbench.papers.liu2026.results.centroiding import TABLE_1, Constant, sampled
+from losbench.papers.liu2026.results.centroiding import Constant, sampled
 from losbench.papers.liu2026.scenario import Bench, ConstantBench
 from losbench.pointing.attitude import solve_attitude
 from losbench.units import rad_to_arcsec
@@ -24,8 +21,6 @@ if TYPE_CHECKING:
 __all__ = [
     "AXES",
     "TABLE_2",
-    "Bound",
-    "alpha_bound",
     "contaminated_ratios",
     "frame_angles",
     "stacked_ratios",
@@ -38,40 +33,6 @@ TABLE_2 = {
     "LS": {"rms": (0.26, 0.24, 0.48), "pv": (1.02, 0.91, 1.36)},
     "IRLS": {"rms": (0.21, 0.23, 0.39), "pv": (0.83, 0.78, 1.05)},
 }
-
-
-@dataclass(frozen=True)
-class Bound:
-    """The largest RMS or PV of alpha that Table 1 allows, in arcseconds, and the two terms that it
-    is made of.
-    """
-
-    from_centroids: float
-    from_gamma: float
-
-    @property
-    def total(self) -> float:
-        """Return the sum of both terms."""
-        return self.from_centroids + self.from_gamma
-
-
-def alpha_bound(statistic: str, gamma_arcsec: float, *, setting: Bench) -> Bound:
-    """Bound alpha by the EIWA column of Table 1, for any correlation and any place of the spots on
-    the sensor.
-
-    The y rows of both spots, averaged, leave no residual: -z alpha + x_mean gamma = mean(dy). RMS
-    and PV obey the triangle inequality, so that
-
-        S(alpha) <= (S(y_a) + S(y_b)) / 2 * pixel / f + |x_mean| / f * S(gamma),
-
-    and |x_mean| is at most half the sensor.
-    """
-    _, y_a, _, y_b = TABLE_1["eiwa"][statistic]
-    half_width_mm = setting.shape[1] / 2 * setting.pixel_um * 1e-3
-    return Bound(
-        from_centroids=0.5 * (y_a + y_b) * setting.camera.arcsec_per_px,
-        from_gamma=half_width_mm / setting.focal_mm * gamma_arcsec,
-    )
 
 
 def frame_angles(
