@@ -232,9 +232,15 @@ class LayoutModel:
 
             # Steps of PV are small kinks: a difference over 1e-3 looks past them.
             place = least_squares(
-                misfit, place, bounds=(low, high), diff_step=1e-3, x_scale=_SCALE[: len(place)],
-                xtol=1e-5, ftol=1e-5, max_nfev=25,
-            ).x  # fmt: skip
+                misfit,
+                place,
+                bounds=(low, high),
+                diff_step=[1e-3] * len(place),
+                x_scale=_SCALE[: len(place)],
+                xtol=1e-5,
+                ftol=1e-5,
+                max_nfev=25,
+            ).x
         return self.at(place)
 
     def at(self, place: Floats) -> LayoutFit:
