@@ -27,6 +27,10 @@ from .estimation.robust import irls as irls
 from .estimation.robust import lstsq as lstsq
 from .estimation.smoothing import Smoothed as Smoothed
 from .estimation.smoothing import kalman_smooth as kalman_smooth
+from .estimation.solvers import IRLS as IRLS
+from .estimation.solvers import LTS as LTS
+from .estimation.solvers import MM as MM
+from .estimation.solvers import LeastSquares as LeastSquares
 from .estimation.stability import ErrorSplit as ErrorSplit
 from .estimation.stability import lsfe as lsfe
 from .estimation.stability import nea as nea

@@ -21,6 +21,7 @@ __all__ = [
     "finite_or_nan",
     "generator",
     "integer",
+    "named_twice",
     "non_negative",
     "number",
     "positive",
@@ -126,6 +127,21 @@ def choice(name: str, value: Any, options: Iterable[str]) -> str:
     if not isinstance(value, str) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
     return value
+
+
+def named_twice(name: str, value: Any, default: Any, **second: Any) -> tuple[str, Any]:
+    """Return the word that was used for an argument with two, and its value; the second is None
+    where it is not used.
+
+    >>> named_twice("tolerance", 1e-10, 1e-10, tol=1e-6)
+    ('tol', 1e-06)
+    """
+    ((word, given),) = second.items()
+    if given is None:
+        return name, value
+    if value is not default and value != default:
+        raise ValueError(f"{name} and {word} are one thing, got both: give {name} alone")
+    return word, given
 
 
 def shaped(name: str, array: NDArray[Any], shape: tuple[int | str, ...], *, why: str = "") -> None:

@@ -5,27 +5,23 @@ cannot.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats, Indices
-from losbench.checks import choice, finite, finite_or_nan, integer, number, shaped
-from losbench.estimation.highbreakdown import lts, mm
-from losbench.estimation.robust import RobustFit, irls, lstsq
+from losbench.checks import finite, finite_or_nan, integer, number, positive, shaped
+from losbench.estimation.solvers import IRLS, SOLVERS, Solver, as_part, pooling, read_solver
 from losbench.optics.camera import Model, design_matrix
 from losbench.pointing.attitude.blocks import distinct_points
 from losbench.units import rad_to_arcsec
 
 __all__ = ["AttitudeTrack", "track_attitude"]
 
-Solver = Callable[..., RobustFit]
-
-_ITERATIONS = 500  # Huber may need many where a window of two spots is nearly exactly determined
+_NAMED = SOLVERS | {"irls": IRLS(max_iter=500)}
 _CHUNK = 4096  # windows solved at once
 _BAD = 3.0  # scales beyond which a spot is called bad, as in RobustFit.outliers
 
@@ -78,9 +74,10 @@ def track_attitude(
     *,
     time_s: ArrayLike | None = None,
     window: int = 9,
+    solver: Solver | str | None = None,
     model: Model = "pinhole",
-    method: Literal["irls", "ls", "lts", "mm"] = "mm",
     sigma: float | None = None,
+    method: Solver | str | None = None,
 ) -> AttitudeTrack:
     """Follow the attitude over frames with a model of constant rate in a sliding window, robustly.
 
@@ -98,14 +95,17 @@ def track_attitude(
         When the frames were taken, rising; 0, 1, 2 ... unless given, so that rates are per frame.
     window : int
         Number of frames K in a solve, centred where there are frames on both sides.
+    solver : MM(...), LTS(...), IRLS(...), LeastSquares(), or a name
+        How the window is solved, with one weight for x and y of a spot in a frame; `MM` unless
+        given. It and "lts" survive most; with a window of 9 frames of two spots, "mm" takes some 15
+        ms a frame and "lts" 10, "irls" 0.1 ("irls" by name with at most 500 iterations, as Huber
+        may need many where a window of two spots is nearly exactly determined).
     model : "pinhole" or "paper"
         Rows of the design matrix, see `design_matrix`.
-    method : "mm", "lts", "irls" or "ls"
-        How the window is solved, with one weight for x and y of a spot in a frame. The first two
-        survive most; with a window of 9 frames of two spots, "mm" takes some 15 ms a frame and
-        "lts" 10, "irls" 0.1.
     sigma : float, unit of ``points``, optional
         Standard deviation of a shift, if known.
+    method
+        Second word for ``solver``.
 
     Returns
     -------
@@ -147,10 +147,14 @@ def track_attitude(
     if size > frames:
         raise ValueError(f"window must not be longer than the {frames} frames, got {size}")
     time = _times(time_s, frames)
-    solve = _solver(method, None if sigma is None else number("sigma", sigma, low=0.0))
+    known = None if sigma is None else float(positive("sigma", number("sigma", sigma)))
+    chosen = read_solver(solver, method, named=_NAMED, default="mm")
+    if pooling(chosen):
+        raise ValueError('scale "pooled" has no meaning here: windows share their frames')
+    chosen = as_part(chosen, known)
     parts = [
         _solve_windows(
-            p, moved, time, np.arange(first, min(first + _CHUNK, frames)), size, model, solve
+            p, moved, time, np.arange(first, min(first + _CHUNK, frames)), size, model, chosen
         )
         for first in range(0, frames, _CHUNK)
     ]
@@ -178,21 +182,6 @@ def _times(time_s: ArrayLike | None, frames: int) -> Floats:
     return time
 
 
-def _solver(method: str, sigma: float | None) -> Solver:
-    choice("method", method, ("irls", "ls", "lts", "mm"))
-    if sigma == 0.0:
-        raise ValueError("sigma must be positive, got 0")
-    if method == "ls":
-        return lambda A, y, group: lstsq(A, y, scale=sigma)
-    if method == "lts":
-        return partial(lts, scale=sigma)
-    if method == "mm":
-        return partial(mm, scale=sigma, on_fail="ignore")
-    return partial(
-        irls, scale="mad" if sigma is None else sigma, max_iter=_ITERATIONS, on_fail="ignore"
-    )
-
-
 def _solve_windows(
     points: Floats,
     shifts: Floats,
@@ -200,7 +189,7 @@ def _solve_windows(
     frames: Indices,
     size: int,
     model: Model,
-    solve: Solver,
+    solver: Solver,
 ) -> dict[str, Any]:
     """Solve the windows about ``frames``, those with equally many spots in one batch."""
     count, n = len(frames), len(points)
@@ -228,7 +217,7 @@ def _solve_windows(
     for spots, members in _alike(present, size, n):
         chosen = np.argsort(~present[members], axis=1, kind="stable")[:, :spots]
         places = members[:, None], chosen
-        fit = solve(
+        fit = solver.fit(
             design[places].reshape(len(members), -1, 6),
             seen[places].reshape(len(members), -1),
             group=np.arange(2 * spots) // 2,

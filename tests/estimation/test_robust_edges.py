@@ -138,7 +138,7 @@ BAD = [
         {"A": 1e-200 * A, "y": 1e200 * Y},
         r"y must not exceed A by a factor of 1e308 or more: the unknowns would be infinite",
     ),
-    ({"scale": "iqr"}, r"scale must be one of 'std', 'std1', 'rms', 'mad', got 'iqr'"),
+    ({"scale": "iqr"}, r"scale must be one of 'std', 'std1', 'rms', 'mad', 'pooled', got 'iqr'"),
     ({"scale": 0.0}, r"scale must be positive, got 0"),
     ({"scale": [1.0, 2.0]}, r"scale must broadcast to the batch \(\), got shape \(2,\)"),
     (

@@ -545,3 +545,72 @@ def test_a_limit_on_iterations_is_reported_once():
 def test_bad_input_is_named(points, shifts, options, message):
     with pytest.raises(ValueError, match=message):
         lb.solve_attitude(points, shifts, **options)
+
+
+# Solvers as objects
+
+
+@pytest.mark.parametrize(
+    ("name", "solver"),
+    [("irls", lb.IRLS()), ("ls", lb.LeastSquares()), ("lts", lb.LTS()), ("mm", lb.MM())],
+)
+@pytest.mark.parametrize("sigma", [None, SIGMA_MM])
+def test_a_name_and_its_object_are_one_choice(name, solver, sigma):
+    shifts = noisy_frames(5, seed=20)
+    shifts[1, 2] = np.nan
+    fits = [
+        lb.solve_attitude(SPOTS, shifts, sigma=sigma, **choice)
+        for choice in ({"method": name}, {"solver": name}, {"solver": solver}, {"method": solver})
+    ]
+    for fit in fits[1:]:
+        for field in PER_SOLVE + PER_FRAME:
+            np.testing.assert_array_equal(getattr(fit, field), getattr(fits[0], field))
+
+
+def test_options_of_an_object_are_its_own():
+    shifts = noisy_frames(5, seed=21)
+    named = lb.solve_attitude(SPOTS, shifts, loss="cauchy", scale="std", max_iter=500)
+    given = lb.solve_attitude(
+        SPOTS, shifts, solver=lb.IRLS(lb.Cauchy(), scale="std", max_iter=500), sigma=None
+    )
+    np.testing.assert_array_equal(named.angles, given.angles)
+    known = lb.solve_attitude(SPOTS, shifts, solver=lb.IRLS(scale=3.0), sigma=SIGMA_MM)
+    np.testing.assert_array_equal(known.scale, 3.0)
+
+
+class Middle:
+    """A solver of somebody else: each row pair's own solution, and their median."""
+
+    def fit(self, A, y, group=None):
+        return lb.irls(A, y, scale="mad", group=group, max_iter=500)
+
+
+def test_a_solver_of_ones_own_will_do():
+    shifts = noisy_frames(5, seed=22)
+    own = lb.solve_attitude(SPOTS, shifts, solver=Middle())
+    np.testing.assert_array_equal(own.angles, lb.solve_attitude(SPOTS, shifts).angles)
+    track = lb.track_attitude(SPOTS, shifts, solver=Middle(), window=3)
+    np.testing.assert_array_equal(
+        track.angles, lb.track_attitude(SPOTS, shifts, solver=lb.IRLS(), window=3).angles
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"solver": "best"}, "solver must be one of 'irls', 'ls', 'lts', 'mm', got 'best'"),
+        ({"solver": lb.MM}, "or an object with fit.*got <class"),
+        ({"method": 3}, "method must be one of 'irls', .*, or an object with fit.*got 3"),
+        ({"solver": lb.MM(), "method": "mm"}, "solver and method are one thing"),
+        (
+            {"solver": lb.MM(), "scale": 2.0},
+            r"scale belongs to the solver, MM\(scale=...\), got both",
+        ),
+        ({"method": "ls", "loss": "huber"}, "loss is no option of the solver 'ls'"),
+        ({"solver": lb.IRLS(scale=[1.0, 2.0])}, "scale must be a number"),
+        ({"loss": "hubert"}, "loss must be one of"),
+    ],
+)
+def test_a_bad_solver_is_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        lb.solve_attitude(SPOTS, np.zeros((6, 2)), **options)

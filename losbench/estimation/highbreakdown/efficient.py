@@ -27,7 +27,7 @@ from losbench.estimation.losses import Bisquare
 from losbench.estimation.robust.fit import irls
 from losbench.estimation.robust.problem import Problem, read_problem
 from losbench.estimation.robust.result import RobustFit
-from losbench.estimation.robust.scales import ScaleRule
+from losbench.estimation.robust.scales import known_scale
 
 __all__ = ["mm"]
 
@@ -46,11 +46,14 @@ def mm(
     group: ArrayLike | None = None,
     scale: float | ArrayLike | None = None,
     starts: int | None = None,
-    rng: Random = None,
+    seed: Random = None,
     on_fail: str = "warn",
+    rng: Random = None,
 ) -> RobustFit:
     """Solve A x = y by an MM-estimate: breakdown of one half, and the efficiency of choice, for one
     system or a batch.
+
+    This is the call; `MM` is the same choice as an object, to be handed on.
 
     Parameters
     ----------
@@ -67,8 +70,9 @@ def mm(
     starts : int, optional
         Random starts, where there are more than 1000 subsets; 500 unless given, and more, up to
         5000, from 14 unknowns on. The notes of `lts` say what they are good for.
-    rng : Generator or int, optional
-        Source of the random starts; the same ones every time unless given.
+    seed : int or Generator, optional
+        Source of the random starts; the same ones every time unless given. ``rng`` is a second word
+        for it.
     on_fail : "warn", "raise" or "ignore"
         What to do where the last act does not settle, as in `irls`.
 
@@ -103,9 +107,9 @@ def mm(
     units = Units.read(group, problem.y.shape[1])
     loss = tuned(Bisquare(), number("efficiency", efficiency, low=0.0, high=1.0), rows=units.rows)
     count = None if starts is None else integer("starts", starts, low=1)
-    start, size = _s_estimate(problem, units, count, random_source(rng))
+    start, size = _s_estimate(problem, units, count, random_source(seed, rng))
     if scale is not None:
-        size = ScaleRule(scale, problem.batch, problem.y_unit)(size[:, None], np.arange(len(size)))
+        size = known_scale(scale, problem)(size[:, None], np.arange(len(size)))
     size = (size * problem.y_unit).reshape(problem.batch)
     x0 = problem.unknowns(start).reshape(*problem.batch, -1)
     # In units of the frozen scale, which `irls` would otherwise make anew.

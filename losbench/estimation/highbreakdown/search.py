@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats, Indices, Ints
-from losbench.checks import generator
+from losbench.checks import generator, named_twice
 from losbench.estimation.robust.iterate import Groups
 from losbench.estimation.robust.problem import Problem, products, spd_inverse, unused
 
@@ -229,11 +229,12 @@ def least_of_subsets(
     return z, objective
 
 
-def random_source(rng: Random) -> np.random.Generator:
-    """Return the generator given, or one of its own from a seed; the same one for None, so that
-    results repeat.
+def random_source(seed: Random, rng: Random) -> np.random.Generator:
+    """Return the generator given by either name, or one of its own from a seed; the same one for
+    None, so that results repeat.
     """
-    return generator("rng", 0 if rng is None else rng)
+    word, source = named_twice("seed", seed, None, rng=rng)
+    return generator(word, 0 if source is None else source)
 
 
 def default_starts(needed: int) -> int:

@@ -28,7 +28,7 @@ from losbench.estimation.highbreakdown.search import (
 from losbench.estimation.robust.fit import as_fit
 from losbench.estimation.robust.problem import read_problem
 from losbench.estimation.robust.result import RobustFit
-from losbench.estimation.robust.scales import ScaleRule
+from losbench.estimation.robust.scales import known_scale
 
 __all__ = ["lts"]
 
@@ -47,10 +47,13 @@ def lts(
     group: ArrayLike | None = None,
     scale: float | ArrayLike | None = None,
     starts: int | None = None,
+    seed: Random = None,
     rng: Random = None,
 ) -> RobustFit:
     """Solve A x = y by least trimmed squares, for one system or a batch, and refit without what it
     exposes.
+
+    This is the call; `LTS` is the same choice as an object, to be handed on.
 
     Parameters
     ----------
@@ -68,8 +71,9 @@ def lts(
     starts : int, optional
         Random starts, where there are too many subsets to try them all; 500 unless given, and more,
         up to 5000, from 14 unknowns on. See the notes for what they are good for.
-    rng : Generator or int, optional
-        Source of the random starts; the same ones every time unless given.
+    seed : int or Generator, optional
+        Source of the random starts; the same ones every time unless given. ``rng`` is a second word
+        for it.
 
     Returns
     -------
@@ -111,14 +115,14 @@ def lts(
     rank, count = int(problem.rank.max()), len(units.sizes)
     needed, majority = units.needed(rank), units.majority(rank)
     h = majority if h is None else integer("h", h, low=needed, high=count)
-    known = None if scale is None else ScaleRule(scale, problem.batch, problem.y_unit)
+    known = None if scale is None else known_scale(scale, problem)
     exact = comb(count, h) <= EXHAUSTIVE
     starts = default_starts(needed) if starts is None else integer("starts", starts, low=1)
     blocks = units.choose(
         h if exact else needed,
         most=max(EXHAUSTIVE if exact else 0, starts),
         starts=starts,
-        rng=random_source(rng),
+        rng=random_source(seed, rng),
         columns=problem.basis.shape[1],
     )
     # What least squares leaves: the sums of squares that are compared then lose the fewest digits.

@@ -11,21 +11,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats, Ints
-from losbench.checks import boolean, choice, finite, integer, number
-from losbench.estimation.losses import Huber, Loss, psi_deriv
+from losbench.checks import boolean, choice, finite, integer, named_twice, number
+from losbench.estimation.losses import Huber, Loss, psi_deriv, read_loss
 from losbench.estimation.robust.iterate import Groups, Method, iterate
+from losbench.estimation.robust.pooled import iterate_pooled
 from losbench.estimation.robust.problem import Problem, blocks, gram, read_problem, spd_inverse
 from losbench.estimation.robust.result import RobustFit
-from losbench.estimation.robust.scales import Scale, ScaleRule
+from losbench.estimation.robust.scales import Scale, ScaleRule, known_scale
 
 __all__ = ["as_fit", "irls", "lstsq"]
 
 
 _GREATEST_LEVERAGE = 0.9999
+_TOLERANCE = 1e-10
 
 
 def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None) -> RobustFit:
     """Solve A x = y by least squares, for one system or a batch.
+
+    This is the call; `LeastSquares` is the same choice as an object, to be handed on.
 
     Parameters
     ----------
@@ -65,9 +69,7 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
             spread = np.sqrt(np.vecdot(residuals, residuals) / (n - problem.rank))
         working = np.where(problem.rank < n, np.maximum(spread, problem.floor), np.nan)
     else:
-        working = ScaleRule(scale, problem.batch, problem.y_unit)(
-            residuals, np.arange(len(residuals))
-        )
+        working = known_scale(scale, problem)(residuals, np.arange(len(residuals)))
     return as_fit(
         problem,
         z,
@@ -88,16 +90,19 @@ def irls(
     A: ArrayLike,
     y: ArrayLike,
     *,
-    loss: Loss = Huber(1.345),  # noqa: B008 - frozen
+    loss: Loss | str = Huber(1.345),  # noqa: B008 - frozen
     scale: Scale = "mad",
     group: ArrayLike | None = None,
     leverage: bool = False,
     x0: ArrayLike | None = None,
     max_iter: int = 100,
-    tol: float = 1e-10,
+    tolerance: float = _TOLERANCE,
     on_fail: str = "warn",
+    tol: float | None = None,
 ) -> RobustFit:
     """Solve A x = y robustly by iteratively reweighted least squares, for one system or a batch.
+
+    This is the call; `IRLS` is the same choice as an object, to be handed on.
 
     Parameters
     ----------
@@ -105,13 +110,15 @@ def irls(
         Design matrix, n >= p; one for all systems, or one each.
     y : (..., n) array
         Observations.
-    loss : Huber, Bisquare or any object with ``weights(u)``
-        What a residual of u scales counts.
+    loss : Huber, Bisquare or any object with ``weights(u)``, or a name
+        What a residual of u scales counts; "huber", "bisquare", "cauchy", "welsch" and "hampel"
+        have the constants of 95 % efficiency.
     scale : str, float, (...) array, or callable
         How the residual scale is made anew in each iteration: "mad" (median abs r /
         0.6744897501960817, about zero), "std" (population; the one of liu2026), "std1" (sample),
-        "rms" (about zero); a known value in the unit of y; or a callable that turns residuals (b,
-        n) into scales (b,).
+        "rms" (about zero); "pooled" (rms of all residuals of the batch, one scale for all its
+        systems); a known value in the unit of y; or a callable that turns residuals (b, n) into
+        scales (b,).
     group : (n,) labels, optional
         Rows with the same label share one weight (the x and y of a spot): u is then the root mean
         square of the group's residuals over the scale, which stays that of a single row.
@@ -121,10 +128,10 @@ def irls(
         smallest of them, over 0.6745.
     x0 : (p,) or (..., p) array, optional
         Start; least squares otherwise. It matters for losses that redescend.
-    max_iter, tol : int, float
-        Stop when the fitted values move by at most ``tol`` times the larger of their norm and scale
-        sqrt(p); the same as the relative change of the unknowns in orthonormal columns, so units do
-        not matter.
+    max_iter, tolerance : int, float
+        Stop when the fitted values move by at most ``tolerance`` times the larger of their norm and
+        scale sqrt(p); the same as the relative change of the unknowns in orthonormal columns, so
+        units do not matter. ``tol`` is a second word for it.
     on_fail : "warn", "raise" or "ignore"
         What to do where ``max_iter`` was not enough; the last iterate is kept in any case but
         "raise".
@@ -134,8 +141,9 @@ def irls(
     RobustFit
         ``cov`` is, with an estimated scale, s^2 kappa^2 / m^2 * sum psi^2 / (n - p) * (A'A)^-1,
         where m is the mean of psi' and kappa = 1 + p var(psi') / (n m^2) with ddof 1 (Huber 1981,
-        chapter 7, and R's ``summary.rlm``); with a known scale, scale^2 (A'WA)^-1, in which a
-        doubted row counts by its weight.
+        chapter 7, and R's ``summary.rlm``), with a pooled scale over all rows of the batch as over
+        one sample; with a known scale, scale^2 (A'WA)^-1, in which a doubted row counts by its
+        weight.
 
     Raises
     ------
@@ -165,11 +173,11 @@ def irls(
     adjusted = boolean("leverage", leverage)
     dropped = max(int(problem.rank.max()) - 1, 0) if adjusted else None
     method = Method(
-        _checked_loss(loss),
+        read_loss(loss),
         ScaleRule(scale, problem.batch, problem.y_unit, dropped=dropped),
         None if group is None else Groups.read(group, problem.y.shape[1]),
         integer("max_iter", max_iter, low=1),
-        number("tol", tol, low=0.0),
+        number(*named_twice("tolerance", tolerance, _TOLERANCE, tol=tol), low=0.0),
         1.0 / np.sqrt(1.0 - np.minimum((problem.basis**2).sum(axis=1), _GREATEST_LEVERAGE))
         if adjusted
         else None,
@@ -177,7 +185,10 @@ def irls(
     choice("on_fail", on_fail, ("warn", "raise", "ignore"))
     start = problem.least_squares() if x0 is None else _start(problem, A, x0)
     with np.errstate(over="ignore", under="ignore"):
-        z, n_iter, settled = iterate(problem, method, start)
+        if method.scale.pooled:
+            z, n_iter, settled, method = iterate_pooled(problem, method, start)
+        else:
+            z, n_iter, settled = iterate(problem, method, start)
         residuals, weights, working = (
             np.empty_like(problem.y),
             np.empty_like(problem.y),
@@ -195,7 +206,7 @@ def irls(
         (residuals, weights, working, partial(_covariance, problem, method, residuals, working)),
         n_iter=n_iter,
         converged=converged,
-        loss=_name(loss),
+        loss=_name(method.loss),
         scale_method=method.scale.name,
         group=None if method.groups is None else method.groups.labels,
     )
@@ -225,7 +236,13 @@ def _covariance(problem: Problem, method: Method, residuals: Floats, scale: Floa
         slope = psi_deriv(method.loss, u)
         if method.groups is not None:
             slope = weights + (slope - weights) / method.groups.sizes
-        return problem.covariance(_kappa_size(residuals * weights, slope, problem.rank))
+        if not method.scale.pooled:
+            return problem.covariance(_kappa_size(residuals * weights, slope, problem.rank))
+        # All systems are one sample: what is common to them is known from all their rows.
+        rank = np.broadcast_to(problem.rank, len(residuals)).sum(keepdims=True)
+        pulls = residuals * weights * problem.y_unit[:, None]
+        size = _kappa_size(pulls.reshape(1, -1), slope.reshape(1, -1), rank)
+        return problem.covariance(size / problem.y_unit)
 
 
 def _kappa_size(pulls: Floats, slope: Floats, rank: Ints) -> Floats:
@@ -271,30 +288,6 @@ def as_fit(
             rank=rank.reshape(batch),
             **labels,
         )
-
-
-def _checked_loss(loss: Loss) -> Loss:
-    if isinstance(loss, type):
-        raise ValueError(
-            f"loss must be an object, {loss.__name__}(...), got the class {loss.__name__} itself"
-        )
-    if not callable(getattr(loss, "weights", None)):
-        raise ValueError(f"loss must have a method weights(u), got {loss!r}")
-    at_zero = np.zeros((2, 3))
-    try:
-        with np.errstate(all="ignore"):
-            weights = np.asarray(loss.weights(at_zero), dtype=np.float64)
-    except (IndexError, TypeError, ValueError) as problem:
-        raise ValueError(
-            f"loss must have weights(u) for arrays u of any shape, those of {loss!r} fail at (2, "
-            f"3): {problem}"
-        ) from None
-    if weights.shape != at_zero.shape or not np.isfinite(weights).all():
-        raise ValueError(
-            "loss must give each u a finite weight, u = 0 of a perfect fit too, "
-            f"got {weights.tolist()} for zeros of shape (2, 3) from {loss!r}"
-        )
-    return loss
 
 
 def _name(loss: Loss) -> str:

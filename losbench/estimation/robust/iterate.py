@@ -61,7 +61,7 @@ class Method:
     scale: ScaleRule
     groups: Groups | None
     max_iter: int
-    tol: float
+    tolerance: float
     stretch: Floats | None = (
         None  # (B or 1, n), what residuals are multiplied by before they are judged
     )
@@ -95,7 +95,7 @@ def iterate(problem: Problem, method: Method, start: Floats) -> tuple[Floats, In
         while len(pool.systems):
             unit = _advance(pool, method)
             moved = _dot(pool.step, pool.step)
-            settled = moved <= method.tol**2 * np.maximum(_dot(pool.z, pool.z), unit)
+            settled = moved <= method.tolerance**2 * np.maximum(_dot(pool.z, pool.z), unit)
             done = np.flatnonzero(settled | (pool.age == method.max_iter))
             if len(done):
                 out = pool.systems[done]

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats, Indices
 from losbench.checks import choice, positive
+from losbench.estimation.robust.problem import Problem
 
-__all__ = ["MAD_TO_SIGMA", "Scale", "ScaleRule"]
+__all__ = ["MAD_TO_SIGMA", "Scale", "ScaleRule", "known_scale", "pools"]
 
 Scale = str | float | ArrayLike | Callable[[Floats], ArrayLike]
 
@@ -63,6 +64,19 @@ _NAMED: dict[str, Callable[[Floats], Floats]] = {
     "rms": _rms,
     "mad": _median_absolute,
 }
+_POOLED = {"pooled": _rms}  # of the residuals of all systems as of one
+
+
+def known_scale(scale: ArrayLike, problem: Problem) -> ScaleRule:
+    """Scale of methods that take a number (...) and no other rule."""
+    if isinstance(scale, str) or callable(scale):
+        raise ValueError(f"scale must be a number, got {scale!r}")
+    return ScaleRule(scale, problem.batch, problem.y_unit)
+
+
+def pools(scale: object) -> bool:
+    """Whether that scale is one for the whole batch."""
+    return isinstance(scale, str) and scale in _POOLED
 
 
 class ScaleRule:
@@ -79,16 +93,26 @@ class ScaleRule:
     dropped : int, optional
         Number of the smallest residuals that "mad" leaves out, where residuals are adjusted for
         leverage.
+    size : float, optional
+        What a pooled scale has come to, in the user's unit.
     """
 
     def __init__(
-        self, scale: Scale, batch: tuple[int, ...], unit: Floats, *, dropped: int | None = None
+        self,
+        scale: Scale,
+        batch: tuple[int, ...],
+        unit: Floats,
+        *,
+        dropped: int | None = None,
+        size: float | None = None,
     ) -> None:
         self._unit = unit
-        self._known: Floats | None = None
+        self.pooled = pools(scale)
+        self._known = None if size is None else np.full(len(unit), size)
         self._call: Callable[[Floats], ArrayLike] | None = None
         if isinstance(scale, str):
-            self._named = _NAMED[choice("scale", scale, _NAMED)]
+            named = _NAMED | _POOLED
+            self._named = named[choice("scale", scale, named)]
             self.name = scale
             if scale == "mad" and dropped is not None:
                 self._named = partial(_median_of_rest, dropped=dropped)
@@ -104,7 +128,11 @@ class ScaleRule:
     @property
     def known(self) -> bool:
         """Whether the scale was given, not estimated."""
-        return self._known is not None
+        return self._known is not None and not self.pooled
+
+    def at(self, size: float) -> ScaleRule:
+        """Return a pooled rule at the scale that it has come to, in the user's unit."""
+        return ScaleRule(self.name, (), self._unit, size=size)
 
     def __call__(self, residuals: Floats, systems: Indices) -> Floats:
         """Scales of ``residuals``, which belong to the ``systems`` of the batch, in their working

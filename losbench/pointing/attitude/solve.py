@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from losbench.arrays import Bools, Floats, Indices, Ints
-from losbench.checks import boolean, choice, finite_or_nan, integer, number, shaped
-from losbench.estimation.highbreakdown import lts, mm
-from losbench.estimation.losses import Huber, Loss
-from losbench.estimation.robust import RobustFit, irls, lstsq
+from losbench.checks import boolean, choice, finite_or_nan, integer, shaped
+from losbench.estimation.losses import Loss
+from losbench.estimation.robust import lstsq
 from losbench.estimation.robust.scales import Scale
+from losbench.estimation.solvers import LeastSquares, Solver, as_part, pooling, read_solver
 from losbench.optics.camera import Model, design_matrix, project
 from losbench.pointing.attitude.blocks import Blocks, distinct_points, uncut
 from losbench.pointing.attitude.result import AttitudeFit
@@ -38,15 +38,16 @@ def solve_attitude(
     points: ArrayLike,
     shifts: ArrayLike,
     *,
+    solver: Solver | str | None = None,
     model: Model = "pinhole",
-    method: Literal["irls", "ls", "lts", "mm"] = "irls",
-    loss: Loss = Huber(1.345),  # noqa: B008 - frozen
-    scale: Scale | None = None,
     sigma: ArrayLike | None = None,
     stack: int = 1,
     group: Literal["spot"] | None = "spot",
     exact: bool = False,
-    max_iter: int = 100,
+    method: Solver | str | None = None,
+    loss: Loss | str | None = None,
+    scale: Scale | None = None,
+    max_iter: int | None = None,
 ) -> AttitudeFit:
     """Find the rotation that carries reference points into where their spots are seen.
 
@@ -57,16 +58,11 @@ def solve_attitude(
         directions will do: spots on one straight line are no worse than others.
     shifts : (..., n, 2) array, unit of ``points``
         Displacements of the spots on the image plane. A spot with a NaN is missing from that frame.
+    solver : IRLS(...), LeastSquares(), LTS(...), MM(...), their name, or any with a ``fit``
+        How the equations are solved; `IRLS` unless given. "irls", "ls", "lts" and "mm" are these
+        four, the last two of which almost half of the spots cannot mislead.
     model : "pinhole" or "paper"
         Rows of the design matrix, see `design_matrix`.
-    method : "irls", "ls", "lts" or "mm"
-        Reweighted, least squares, or one that almost half of the spots cannot mislead: least
-        trimmed squares or an MM-estimate, see `lts` and `mm`.
-    loss : loss object
-        For "irls".
-    scale : str, float or callable, optional
-        For "irls", as `irls` takes it; a number for the others. Unless given, "mad" (or the
-        method's own), or the known scale where ``sigma`` is given.
     sigma : float or array that broadcasts to ``shifts``, unit of ``shifts``, optional
         Standard deviation of each shift. Weighs the rows, makes the covariance absolute and p_value
         known.
@@ -79,8 +75,12 @@ def solve_attitude(
     exact : bool
         Iterate on the exact projection (Gauss-Newton) instead of solving for small angles once;
         pinhole only.
-    max_iter : int
-        Limit of the reweighting.
+    method
+        Second word for ``solver``.
+    loss, scale, max_iter
+        Beside a solver's name, its options: ``method="irls", loss="cauchy"`` is
+        ``solver=IRLS("cauchy")``. Unless a scale is given, it is the solver's own, or the known one
+        where ``sigma`` is given.
 
     Returns
     -------
@@ -91,7 +91,9 @@ def solve_attitude(
     Raises
     ------
     ValueError
-        If shapes do not match, a shift is infinite, or the points leave a rotation undetermined.
+        If shapes do not match, a shift is infinite, the points leave a rotation undetermined,
+        options come beside a solver that is an object, or scale "pooled" meets frames that lack
+        spots.
 
     Warns
     -----
@@ -115,7 +117,7 @@ def solve_attitude(
     """
     p, moved = distinct_points(points), finite_or_nan("shifts", shifts)
     shaped("shifts", moved, ("...", len(p), 2), why=f"to match {len(p)} points")
-    choice("method", method, ("irls", "ls", "lts", "mm"))
+    chosen = read_solver(solver, method, default="irls", loss=loss, scale=scale, max_iter=max_iter)
     if group is not None:
         choice("group", group, ("spot",))
     if boolean("exact", exact) and model != "pinhole":
@@ -126,21 +128,18 @@ def solve_attitude(
         raise ValueError(
             f"shifts must have shape (..., frames, {len(p)}, 2) to be stacked, got {moved.shape}"
         )
-    if method != "ls" and len(p) == 2 and (stack == 1 or moved.shape[-3] == 1):
+    if (
+        not isinstance(chosen, LeastSquares)
+        and len(p) == 2
+        and (stack == 1 or moved.shape[-3] == 1)
+    ):
         warnings.warn(_TWO_SPOTS, UserWarning, stacklevel=2)
-    if scale is None and sigma is not None:
-        scale = 1.0
-    if scale is not None and not (method == "irls" and (isinstance(scale, str) or callable(scale))):
-        scale = number("scale", scale)
     recipe = _Recipe(
-        method=method,
-        loss=loss,
-        scale=scale,
-        by_spot=group == "spot",
-        max_iter=integer("max_iter", max_iter, low=1),
-        known=sigma is not None,
+        as_part(chosen, None if sigma is None else 1.0), group == "spot", known=sigma is not None
     )
     blocks = Blocks.read(p, moved, sigma, stack)
+    if pooling(chosen) and not blocks.present.all():
+        raise ValueError('scale "pooled" needs every spot in every frame, got shifts with NaN')
     fit = (
         _solve_exact(blocks, recipe)
         if exact
@@ -161,11 +160,8 @@ def solve_attitude(
 class _Recipe:
     """How to solve linear blocks."""
 
-    method: str
-    loss: Loss
-    scale: Scale | None
+    solver: Solver
     by_spot: bool
-    max_iter: int
     known: bool
 
     def solve(self, blocks: Blocks, rows: Floats, shifts: Floats) -> AttitudeFit:
@@ -209,10 +205,12 @@ class _Recipe:
             design.reshape(*design.shape[:-3], -1, 3),
             (shifts / sigma).reshape(count, -1),
         )
-        solved = self._fit(matrix, right)
+        solved = self.solver.fit(
+            matrix, right, group=_spot_labels(right.shape[1]) if self.by_spot else None
+        )
         p_value = np.full(count, np.nan)
         if self.known:
-            least = solved if self.method == "ls" else lstsq(matrix, right)
+            least = solved if isinstance(self.solver, LeastSquares) else lstsq(matrix, right)
             p_value = chdtrc(least.dof, np.vecdot(least.residuals, least.residuals))
         return AttitudeFit(
             angles=solved.x,
@@ -225,26 +223,6 @@ class _Recipe:
             scale=solved.scale,
             converged=solved.converged,
             ok=np.ones(count, dtype=bool),
-        )
-
-    def _fit(self, matrix: Floats, right: Floats) -> RobustFit:
-        known: Any = self.scale
-        if self.method == "ls":
-            return lstsq(matrix, right, scale=known)
-        group = _spot_labels(right.shape[1]) if self.by_spot else None
-        if self.method == "lts":
-            return lts(matrix, right, group=group, scale=known)
-        if self.method == "mm":
-            return mm(matrix, right, group=group, scale=known, on_fail="ignore")
-        scale = "mad" if self.scale is None else self.scale
-        return irls(
-            matrix,
-            right,
-            loss=self.loss,
-            scale=scale,
-            group=group,
-            max_iter=self.max_iter,
-            on_fail="ignore",
         )
 
 
