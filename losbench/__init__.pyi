@@ -1,6 +1,8 @@
 from . import figures as figures
 from . import papers as papers
 from . import units as units
+from .estimation.allan import AllanDeviation as AllanDeviation
+from .estimation.allan import allan_deviation as allan_deviation
 from .estimation.breakdown import DesignBreakdown as DesignBreakdown
 from .estimation.breakdown import deletion_residuals as deletion_residuals
 from .estimation.breakdown import design_breakdown as design_breakdown
@@ -17,7 +19,6 @@ from .estimation.losses import Hampel as Hampel
 from .estimation.losses import Huber as Huber
 from .estimation.losses import Loss as Loss
 from .estimation.losses import Welsch as Welsch
-from .estimation.metrics import allan_deviation as allan_deviation
 from .estimation.metrics import pv as pv
 from .estimation.metrics import rms as rms
 from .estimation.montecarlo import monte_carlo as monte_carlo
@@ -65,6 +66,15 @@ from .optics.motion.vibration import random_vibration as random_vibration
 from .pointing.attitude import AttitudeFit as AttitudeFit
 from .pointing.attitude import attitude_covariance as attitude_covariance
 from .pointing.attitude import solve_attitude as solve_attitude
+from .pointing.performance import PointingBudget as PointingBudget
+from .pointing.performance import PointingMetrics as PointingMetrics
+from .pointing.performance import PointingRequirement as PointingRequirement
+from .pointing.performance import PointingSource as PointingSource
+from .pointing.performance import error_percentile as error_percentile
+from .pointing.performance import half_cone as half_cone
+from .pointing.performance import mtf as mtf
+from .pointing.performance import noise_floor as noise_floor
+from .pointing.performance import pointing_metrics as pointing_metrics
 from .pointing.starcamera import QuaternionConvention as QuaternionConvention
 from .pointing.starcamera import boresight_angle as boresight_angle
 from .pointing.starcamera import correct_drift as correct_drift

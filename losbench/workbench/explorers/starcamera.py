@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from losbench.estimation.metrics import allan_deviation
+from losbench.estimation.allan import allan_deviation
 from losbench.estimation.stability import split_error
 from losbench.figures import COLOURS
 from losbench.papers.ren2023.results.figures import first_order
