@@ -86,6 +86,10 @@ from .pointing.thermal import ThermalNetwork as ThermalNetwork
 from .pointing.thermal import fit_sensitivity as fit_sensitivity
 from .pointing.tracking import AttitudeTrack as AttitudeTrack
 from .pointing.tracking import track_attitude as track_attitude
+from .recording.frames.door import open_frames as open_frames
+from .recording.frames.door import register_reader as register_reader
+from .recording.frames.protocol import Frames as Frames
+from .recording.frames.protocol import UnreadableFrame as UnreadableFrame
 from .recording.measure import Measurement as Measurement
 from .recording.measure import measure as measure
 from .recording.readers import Recording as Recording

@@ -34,9 +34,9 @@ def test_a_public_name_is_documented_and_typed(name):
     assert len(text.splitlines()[0]) > 10, f"{name} says nothing of itself"
     assert ">>>" in text or SHAPE.search(text), f"{name} shows neither an example nor a shape"
     if inspect.isclass(thing) and (
-        issubclass(thing, Enum) or getattr(thing, "_is_protocol", False)
+        issubclass(thing, Enum | Exception) or getattr(thing, "_is_protocol", False)
     ):
-        return  # values, or what others must have: no parameters of its own
+        return  # values, errors, or what others must have: no parameters of its own
     signature = inspect.signature(thing)
     untyped = [p.name for p in signature.parameters.values() if p.annotation is p.empty]
     assert not untyped, f"{name} leaves {', '.join(untyped)} without a type"

@@ -4,7 +4,7 @@ angles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -138,17 +138,17 @@ def measure(
     --------
     >>> import losbench as lb
     >>> frame = lb.render_spots([[20.0, 15.0]], 5e4, 2.0, (32, 48)).astype(np.uint16)
-    >>> stamp = Stamp("frame", frame.shape, (0.0, 0.0), lambda k: frame)
-    >>> result = measure(Recording("memory", 3, (stamp,)))
+    >>> result = measure(lb.read_recording(np.stack([frame] * 3)))
     >>> result.xy_px.round(2).tolist()
     [[[20.0, 15.0]], [[20.0, 15.0]], [[20.0, 15.0]]]
     """
     choice("smooth", "none" if smooth is None else smooth, ("none", "kalman"))
     choice("solver", solver, ("auto", "irls", "ls"))
     whole = recording.stamps[0] if len(recording.stamps) == 1 else None
-    if camera is not None and whole is not None and whole.shape != camera.shape:
+    whole_shape = None if whole is None else whole.whole or whole.shape
+    if camera is not None and whole_shape not in (None, camera.shape):
         raise ValueError(
-            f"camera must have the shape of the frames, {whole.shape}, got {camera.shape}"
+            f"camera must have the shape of the frames, {whole_shape}, got {camera.shape}"
         )
     n_reference = (
         1
@@ -161,12 +161,9 @@ def measure(
         "background": background,
         "noise": detector or recording.detector,
     }
-    if (
-        detector is None and recording.detector is not None
-    ):  # known from errors of calibrated frames, which never clip
-        options["full_scale_dn"] = float(np.finfo(np.float32).max)
+    told = recording if detector is None else replace(recording, detector=detector)
+    options["full_scale_dn"] = told.full_scale_dn
     celsius, said = temperatures(recording, temperature)
-    skipped: dict[int, str] = {}
     with tqdm(
         total=recording.n_frames * len(recording.stamps),
         unit="frame",
@@ -174,11 +171,12 @@ def measure(
         disable=not progress,
     ) as bar:
         tracks = [
-            follow(recording, stamp, start, options, integer("block", block, low=1), bar, skipped)
+            follow(recording, stamp, start, options, integer("block", block, low=1), bar)
             for stamp, start in zip(
                 recording.stamps, _starts(recording, spots, n_spots), strict=True
             )
         ]
+    skipped = {k: why for track in tracks for k, why in track.skipped.items()}
     xy, sigma, flags = (
         np.concatenate([getattr(track, name) for track in tracks], axis=1)
         for name in ("xy", "sigma", "flags")
@@ -247,9 +245,9 @@ def _starts(recording: Recording, spots: ArrayLike | None, n_spots: int | None) 
 
 def _found(recording: Recording, stamp: Stamp, n: int | None) -> Floats:
     for k in range(recording.n_frames):
-        frames, good = stamp.read(k, k + 1, skip=recording.skip_unreadable)
-        if good[0]:
-            found = find_spots(frames[0], n)
+        block = stamp.read(k, k + 1, skip=recording.skip_unreadable)
+        if block.good[0]:
+            found = find_spots(block.frames[0], n)
             if not len(found):
                 raise ValueError(
                     f"no spot stands out in the first frame of {stamp.name}: give spots, or look "

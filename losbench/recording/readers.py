@@ -1,5 +1,5 @@
-"""Frames from disk, a block at a time: image folders, TIFF stacks, NumPy stacks, FITS cubes and
-target pixel files.
+"""The one door for recordings: frames from disk with their times, and what they are calibrated
+with.
 
 A `Recording` is one or more `Stamp`s seen at the same times. An ordinary camera's recording has one
 stamp, the whole frame; a folder of target pixel files has one stamp for each star, each with its
@@ -8,38 +8,28 @@ place on the detector.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from losbench.checks import choice, positive
 from losbench.imaging.detector import Detector
-from losbench.logs import FrameTimes, read_times
-from losbench.recording.files import (
-    image_loader,
-    in_natural_order,
-    jump_in_names,
-    numpy_stack,
-    tiff_pages,
-)
-from losbench.recording.stamps import Stamp, UnreadableFrame, as_frame, first_readable
-
-if TYPE_CHECKING:
-    from losbench.recording.fits import Contents
+from losbench.logs import FrameTimes, increasing, read_times
+from losbench.recording.calibration import Calibrated, Calibration, calibrated
+from losbench.recording.frames.door import How, Origin, find_frames
+from losbench.recording.frames.names import jump_in_names, times_in_names
+from losbench.recording.frames.protocol import Frames
+from losbench.recording.stamps import Stamp
 
 __all__ = ["Recording", "read_recording"]
-
-_IMAGES = (".png", ".tif", ".tiff")
-_FITS = (".fits", ".fit", ".fits.gz")
 
 
 @dataclass(frozen=True)
 class Recording:
     """Frames that wait on disk, with their times; made by `read_recording`.
+
+    It pickles, so that another process can be given one: no file is open in it.
 
     Attributes
     ----------
@@ -52,7 +42,8 @@ class Recording:
     times : FrameTimes or None
         Seconds, and UTC where known; None if nothing gives them.
     detector : Detector or None
-        Gain and read noise where the files tell, as the errors in target pixel files do.
+        Gain and read noise, as given or where the files tell, as the errors in target pixel files
+        do.
     skip_unreadable : bool
         Whether an unreadable frame becomes a gap in the series or an error.
     notes : tuple of str
@@ -60,12 +51,9 @@ class Recording:
 
     Examples
     --------
-    >>> frames = np.zeros((3, 20, 30), np.uint16)
-    >>> recording = Recording(
-    ...     Path("memory"), 3, (Stamp("frame", (20, 30), (0.0, 0.0), lambda k: frames[k]),)
-    ... )
-    >>> stack, readable = recording.stamps[0].read(0, 2, skip=False)
-    >>> stack.shape, readable.tolist()
+    >>> recording = read_recording(np.zeros((3, 20, 30), np.uint16))
+    >>> block = recording.stamps[0].read(0, 2, skip=False)
+    >>> block.frames.shape, block.good.tolist()
     ((2, 20, 30), [True, True])
     """
 
@@ -77,34 +65,79 @@ class Recording:
     skip_unreadable: bool = False
     notes: tuple[str, ...] = ()
 
+    @property
+    def full_scale_dn(self) -> float:
+        """Reading of a saturated pixel: what the numbers of the file say, or a detector that was
+        given if that comes first. The largest float32 where neither says anything.
+        """
+        frames = self.stamps[0].frames
+        ends = [stamp.frames.full_scale_dn for stamp in self.stamps]
+        given = self.detector is not None and self.detector is not frames.detector
+        if given and self.detector is not None and not isinstance(frames, Calibrated):
+            ends.append(float(np.floor(self.detector.full_scale_dn)))
+        most = float(np.finfo(np.float32).max)
+        return min([float(end) for end in ends if end is not None], default=most)
+
+    def label(self, k: int) -> str:
+        """Return the name of a frame: its file, and which of that."""
+        return self.stamps[0].label(k)
+
 
 def read_recording(
-    path: str | Path,
+    path: Origin,
     *,
     times: str | Path | None = None,
     period_s: float | None = None,
     start: str | None = None,
+    name_times: str | None = None,
     on_unreadable: str = "stop",
+    channel: str | int | None = None,
+    dataset: str | None = None,
+    detector: Detector | None = None,
+    dark: Origin | None = None,
+    flat: Origin | None = None,
+    bad_pixels: Origin | None = None,
+    roi: tuple[int, int, int, int] | None = None,
 ) -> Recording:
     """Open a recording without loading its frames.
 
     Parameters
     ----------
-    path : str or Path
-        A folder of PNG or TIFF frames (8 or 16 bit, in natural order of their names), a multi-page
-        TIFF, an .npy or .npz stack (F, rows, cols), a FITS cube, a target pixel file, or a folder
-        of FITS images or target pixel files.
+    path : str, Path, list of them, or array
+        A folder of images (PNG, TIFF, BMP, PGM or JPEG), a pattern such as ``frames/a-*.png``, or
+        several files, in natural order of their names; a multi-page TIFF, an .npy or .npz stack (F,
+        rows, cols), a FITS cube, a target pixel file, or a folder of FITS images or target pixel
+        files; an HDF5, SER or video file; raw frames described by a TOML file (`RawLayout`'s keys);
+        an array (F, rows, cols); or what a reader of your own takes (`register_reader`).
     times : path, optional
         CSV with the frames' times, one row a frame: ``time_s`` (seconds) or ``time`` (ISO 8601,
         UTC).
     period_s : float, optional
-        Time between frames in seconds, if there is no such file. Times that FITS files bring give
-        way to either.
+        Time between frames in seconds, if there is no such file. Times that files bring give way to
+        either.
     start : str, optional
         ISO 8601 UTC time of the first frame, with ``period_s``.
+    name_times : str, optional
+        Pattern of the times in the files' names, as ``"%Y%m%d_%H%M%S"``; taken as UTC unless it
+        holds %z.
     on_unreadable : "stop" or "skip"
         What a broken frame, or one of another size, does: stop with its name, or leave a gap in the
         series.
+    channel : "red", "green", "blue" or int, optional
+        Which channel of colour frames; those that are grey need none.
+    dataset : str, optional
+        Which data set of an HDF5 file, if it holds several stacks.
+    detector : Detector, optional
+        Gain, read noise and offset, before what the files tell.
+    dark, flat : path or array, optional
+        What is taken off and divided by, pixel by pixel: (frame - dark) / flat. Several frames are
+        averaged; the flat, already less its own dark, is scaled to a mean of one. With a dark, the
+        detector's offset is gone.
+    bad_pixels : path or array, optional
+        Mask, not zero where a pixel is bad; or places (x, y), as an array (n, 2) or a CSV. They are
+        NaN in what is read.
+    roi : (x, y, columns, rows), optional
+        The part of the frames to read; positions stay those of the detector.
 
     Returns
     -------
@@ -129,97 +162,76 @@ def read_recording(
     >>> recording.n_frames, recording.stamps[0].shape, recording.times.seconds.tolist()
     (3, (20, 30), [0.0, 5.0, 10.0])
     """
-    source = Path(path)
-    if not source.exists():
-        raise FileNotFoundError(
-            f"no recording at {source}: expected a folder of frames, or a TIFF, NumPy or FITS file"
-        )
-    choice("on_unreadable", on_unreadable, ("stop", "skip"))
+    skip = choice("on_unreadable", on_unreadable, ("stop", "skip")) == "skip"
     if period_s is not None:
         positive("period_s", period_s)
-        if times is not None:
-            raise ValueError(
-                "times and period_s exclude each other: give the frames' times or the time between "
-                "them"
-            )
-    clock = "file" if times is not None else "own" if period_s is None else "period"
-    recording = _open(source, skip=on_unreadable == "skip", clock=clock)
-    if recording.times is None or start is not None:
-        recording = replace(
-            recording, times=read_times(times, recording.n_frames, period_s=period_s, start=start)
-        )
-    return replace(recording, skip_unreadable=on_unreadable == "skip")
-
-
-def _open(source: Path, *, skip: bool, clock: str) -> Recording:
-    """Open a source; ``clock`` says whether times come from a file, from a period, or from the
-    source's own headers.
-    """
-    if source.is_dir():
-        files = in_natural_order(
-            [p for p in source.iterdir() if p.is_file() and not p.name.startswith(".")]
-        )
-        images = [p for p in files if p.suffix.lower() in _IMAGES]
-        if images:
-            found = _stack(
-                source, len(images), image_loader(images), lambda k: images[k].name, skip=skip
-            )
-            return replace(found, notes=() if clock == "file" else jump_in_names(images))
-        pixel_files = [p for p in files if p.name.lower().endswith(_FITS)]
-        if pixel_files:
-            from losbench.recording.fits import open_fits
-
-            return _from_fits(source, open_fits(pixel_files, skip=skip, clock=clock))
+    if sum(given is not None for given in (times, period_s, name_times)) > 1:
         raise ValueError(
-            f"{source} holds no frames: expected PNG, TIFF or FITS files, got {len(files)} other "
-            "files"
+            "times and period_s exclude each other, and name_times both: give the frames' times, "
+            "or the time between them, or where their names hold it"
         )
-    suffix = source.suffix.lower()
-    if suffix in (".tif", ".tiff"):
-        pages = tiff_pages(source, skip=skip)
-        return replace(_stack(source, pages.count, pages.load, skip=skip), notes=pages.notes)
-    if suffix in (".npy", ".npz"):
-        cube = numpy_stack(source)
-        return _stack(source, len(cube), lambda k: np.asarray(cube[k]), skip=skip)
-    if source.name.lower().endswith(_FITS):
-        from losbench.recording.fits import open_fits
-
-        return _from_fits(source, open_fits([source], skip=skip, clock=clock))
-    raise ValueError(
-        f"{source.name} is no recording: expected .tif, .npy, .npz or .fits, or a folder of frames"
-    )
-
-
-def _from_fits(source: Path, found: Contents) -> Recording:
+    own = times is None and period_s is None and name_times is None
+    how = How(skip=skip, channel=channel, dataset=dataset, own_times=own)
+    calibration = Calibration(dark=dark, flat=flat, bad_pixels=bad_pixels, roi=roi)
+    found = find_frames(path, how)
+    notes = tuple(note for frames in found for note in getattr(frames, "notes", ()))
+    if calibration:
+        if len(found) > 1:
+            raise ValueError("dark, flat, bad_pixels and roi are for whole frames, not for stamps")
+        frames = calibrated(found[0], calibration, detector)
+        x, y = frames.corner
+        stamps: tuple[Stamp, ...] = (Stamp("frame", frames, (x, y), found[0].shape),)
+        notes = frames.notes
+        if dark is not None and detector is not None:
+            detector = replace(detector, offset_dn=0.0)
+    else:
+        stamps = tuple(_stamp(frames, len(found)) for frames in found)
+    first = found[0]
+    clock, said = _clock(first, times, period_s, start, name_times)
     return Recording(
-        source, found.n_frames, found.stamps, found.times, found.detector, notes=found.notes
+        source=Path("memory") if isinstance(path, np.ndarray) else _shown(path),
+        n_frames=first.n_frames,
+        stamps=stamps,
+        times=clock,
+        detector=first.detector if detector is None else detector,
+        skip_unreadable=skip,
+        notes=(*notes, *said),
     )
 
 
-def _stack(
-    source: Path,
-    n_frames: int,
-    load: Callable[[int], NDArray[Any]],
-    label: Callable[[int], str] = "frame {}".format,
-    *,
-    skip: bool,
-) -> Recording:
-    if n_frames == 0:
-        raise ValueError(f"{source.name} holds no frames")
-    k, first = first_readable(n_frames, lambda k: as_frame(load(k), label(k)), skip=skip)
-    name = label(k)
-
-    def checked(k: int) -> NDArray[Any]:
-        frame = as_frame(load(k), label(k))
-        if frame.shape != first.shape or frame.dtype != first.dtype:
-            raise UnreadableFrame(
-                f"all frames must be {_described(first)} as {name}, but {label(k)} is "
-                f"{_described(frame)}"
-            )
-        return frame
-
-    return Recording(source, n_frames, (Stamp("frame", first.shape, (0.0, 0.0), checked),))
+def _shown(path: Origin) -> Path:
+    return Path(path) if isinstance(path, str | Path) else Path(str(path[0])).parent
 
 
-def _described(frame: NDArray[Any]) -> str:
-    return f"{frame.shape[0]}x{frame.shape[1]} {frame.dtype}"
+def _stamp(frames: Frames, n_stamps: int) -> Stamp:
+    origin = getattr(frames, "origin_px", (0.0, 0.0))
+    placed = n_stamps > 1 or origin != (0.0, 0.0)
+    return Stamp(frames.name if placed else "frame", frames, origin)
+
+
+def _clock(
+    frames: Frames,
+    times: str | Path | None,
+    period_s: float | None,
+    start: str | None,
+    name_times: str | None,
+) -> tuple[FrameTimes | None, tuple[str, ...]]:
+    """Return the frames' times: those given, those in the names, or the files' own."""
+    names = _names(frames)
+    if name_times is not None:
+        if names is None:
+            raise ValueError("name_times is for files of one frame each")
+        said = () if "%z" in name_times else ("Times in the files' names are taken as UTC.",)
+        return increasing(times_in_names(names, name_times), "names of the files"), said
+    if times is None and period_s is None and frames.time_s is not None and start is None:
+        own = FrameTimes(frames.time_s, frames.start)
+        return increasing(own, f"times of {frames.name}"), ()
+    clock = read_times(times, frames.n_frames, period_s=period_s, start=start)
+    jumps = () if names is None or times is not None else jump_in_names([Path(n) for n in names])
+    return clock, jumps
+
+
+def _names(frames: Frames) -> list[str] | None:
+    """Return the files' names, where each file is one frame."""
+    names = getattr(getattr(frames, "source", None), "names", None)
+    return None if names is None else [Path(name).name for name in names]

@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Bools
+from losbench.recording.frames.protocol import Frames, UnreadableFrame
 
-__all__ = ["Stamp", "UnreadableFrame", "as_frame", "first_readable"]
-
-Read = TypeVar("Read")
-
-_DTYPES = (np.uint8, np.uint16, np.float32)
+__all__ = ["Block", "Stamp", "UnreadableFrame"]
 
 
-class UnreadableFrame(ValueError):
-    """A frame that could not be read, or that does not match the others; the message names it."""
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some frames of a stamp.
+
+    Attributes
+    ----------
+    frames : (n, rows, cols) array
+        Zero where a frame could not be read; NaN where a pixel is bad.
+    good : (n,) array of bool
+        Which frames could be read, and are not left out by their file.
+    skipped : dict of int to str
+        By number of the frame, why it could not be read.
+    """
+
+    frames: NDArray[Any]
+    good: Bools
+    skipped: dict[int, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stamp:
     """One rectangle of the detector through all frames, read on demand.
 
@@ -30,66 +41,62 @@ class Stamp:
     ----------
     name : str
         What the stamp shows: "frame", or the name of its file.
-    shape : (rows, cols)
-        Its size in pixels.
+    frames : Frames
+        Where its pixels come from.
     origin_px : (x, y)
         Detector position of its first pixel.
-    load : callable
-        ``load(k)`` returns frame ``k`` as a (rows, cols) array or raises `UnreadableFrame`.
+    whole : (rows, cols) or None
+        Size of the frame that it was cut from, where that is known.
     """
 
     name: str
-    shape: tuple[int, int]
-    origin_px: tuple[float, float]
-    load: Callable[[int], NDArray[Any]]
+    frames: Frames
+    origin_px: tuple[float, float] = (0.0, 0.0)
+    whole: tuple[int, int] | None = None
 
-    def read(
-        self, first: int, last: int, *, skip: bool, skipped: dict[int, str] | None = None
-    ) -> tuple[NDArray[Any], Bools]:
-        """Return frames ``first`` to ``last`` (excluded) and which of them could be read; others
-        are zero.
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Its size in pixels, (rows, cols)."""
+        return self.frames.shape
 
-        What was wrong with the others goes into ``skipped``, by the number of the frame.
+    def label(self, k: int) -> str:
+        """Return the name of a frame: its file, and which of that."""
+        label = getattr(self.frames, "label", None)
+        return f"frame {k} of {self.frames.name}" if label is None else str(label(k))
+
+    def read(self, first: int, last: int, *, skip: bool) -> Block:
+        """Return frames ``first`` to ``last`` (excluded).
+
+        Raises
+        ------
+        UnreadableFrame
+            If one cannot be read, unless ``skip``.
         """
-        frames: list[NDArray[Any] | None] = []
-        for k in range(first, last):
-            try:
-                frames.append(self.load(k))
-            except UnreadableFrame as error:
-                if not skip:
-                    raise
-                frames.append(None)
-                if skipped is not None:
-                    skipped.setdefault(k, str(error))
-        good = np.array([frame is not None for frame in frames])
-        dtype = next((frame.dtype for frame in frames if frame is not None), np.dtype(np.uint16))
-        stack = np.zeros((len(frames), *self.shape), dtype=dtype)
-        for row, frame in zip(stack, frames, strict=True):
-            if frame is not None:
-                row[...] = frame
-        return stack, good
-
-
-def first_readable(count: int, read: Callable[[int], Read], *, skip: bool) -> tuple[int, Read]:
-    """Number and content of the first of ``count`` that can be read; it must be the very first,
-    without ``skip``.
-    """
-    for k in range(count - 1):
+        stack = np.zeros((last - first, *self.shape), self.frames.dtype)
+        good = np.ones(len(stack), bool)
+        skipped: dict[int, str] = {}
+        left_out = getattr(self.frames, "left_out", None)
+        if left_out is not None:
+            good &= ~left_out[first:last]
         try:
-            return k, read(k)
+            self.frames.read(first, last, stack)
         except UnreadableFrame:
             if not skip:
                 raise
-    return count - 1, read(count - 1)
+            skipped = self._one_by_one(first, stack)
+            good[[k - first for k in skipped]] = False
+        bad = self.frames.bad
+        if bad is not None and bad.any():
+            stack = stack.astype(np.float32, copy=False)
+            stack[:, bad] = np.nan
+        return Block(stack, good, skipped)
 
-
-def as_frame(array: NDArray[Any], name: str) -> NDArray[Any]:
-    """Return a two-dimensional frame of a type that the centroids take; other numbers become
-    float32.
-    """
-    if array.ndim != 2:
-        what = f"{array.shape[-1]} colour channels" if array.ndim == 3 else f"shape {array.shape}"
-        raise UnreadableFrame(f"{name} must be one grey image (rows, cols), got {what}")
-    if array.dtype.kind not in "uif":
-        raise UnreadableFrame(f"{name} must hold numbers, got {array.dtype}")
-    return array if array.dtype in _DTYPES else array.astype(np.float32)
+    def _one_by_one(self, first: int, stack: NDArray[Any]) -> dict[int, str]:
+        skipped = {}
+        for k, row in enumerate(stack, first):
+            try:
+                self.frames.read(k, k + 1, row[None])
+            except UnreadableFrame as error:
+                row[...] = 0
+                skipped[k] = str(error)
+        return skipped

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ def follow(
     options: dict[str, Any],
     block: int,
     bar: tqdm[Any],
-    skipped: dict[int, str],
 ) -> Track:
     """Follow the spots of one stamp: every block of frames starts where the one before saw each
     spot last.
@@ -43,18 +42,19 @@ def follow(
         Frames in memory at a time.
     bar : tqdm
         Told of every block.
-    skipped : dict
-        Told of every frame that could not be read, and why.
 
     Returns
     -------
     Track
-        In pixels of the detector.
+        In pixels of the detector, with the frames that could not be read and why.
     """
+    skipped: dict[int, str] = {}
     parts, last, settings = [], start, options
     for first in range(0, recording.n_frames, block):
         until = min(first + block, recording.n_frames)
-        frames, good = stamp.read(first, until, skip=recording.skip_unreadable, skipped=skipped)
+        block_read = stamp.read(first, until, skip=recording.skip_unreadable)
+        frames, good = block_read.frames, block_read.good
+        skipped |= block_read.skipped
         if settings["window"] is None and good.any():
             settings = settings | {"window": _default_window(frames[good][0], last, stamp)}
         part = _see(frames, good, last, settings)
@@ -69,7 +69,7 @@ def follow(
         parts.append(part)
         last = part.last_seen(last)
         bar.update(len(frames))
-    return Track.join(parts).moved(np.array(stamp.origin_px))
+    return replace(Track.join(parts).moved(np.array(stamp.origin_px)), skipped=skipped)
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,7 @@ class Track:
     flags: Ints
     window: int
     width_px: Floats | None = None
+    skipped: dict[int, str] = field(default_factory=dict)
 
     @classmethod
     def join(cls, parts: list[Track]) -> Track:

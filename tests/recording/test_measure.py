@@ -3,7 +3,8 @@ said, and goes on.
 """
 
 import json
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -33,8 +34,19 @@ def simulated(tmp_path_factory):
     return write_recording(tmp_path_factory.mktemp("twin"), n_frames=160, seed=3, bench=small)
 
 
+@dataclass(frozen=True)
+class Loading:
+    """A source of frames that does what it is told."""
+
+    n_frames: int
+    frame: Callable[[int], np.ndarray]
+
+    def label(self, k):
+        return f"frame {k}"
+
+
 def in_memory(frames, times=None):
-    stamp = Stamp("frame", frames.shape[1:], (0.0, 0.0), lambda k: frames[k])
+    stamp = Stamp("frame", lb.open_frames(frames))
     return Recording(Path("memory"), len(frames), (stamp,), times=times)
 
 
@@ -186,7 +198,9 @@ def test_calibrated_frames_whose_files_tell_the_noise_have_no_full_scale():
         lb.render_spots(np.repeat(SPOTS[None, :2], 2, axis=0), 4e6, 2.0, CAMERA.shape) + 5.0
     ).astype(np.float32)
     assert frames.max() > DETECTOR.full_scale_dn
-    measured = lb.measure(replace(in_memory(frames), detector=DETECTOR), spots=SPOTS[:2])
+    stamp = Stamp("frame", replace(lb.open_frames(frames), detector=DETECTOR))
+    recording = Recording(Path("memory"), len(frames), (stamp,), detector=DETECTOR)
+    measured = lb.measure(recording, spots=SPOTS[:2])
     assert not (measured.flags & SpotFlag.SATURATED).any()
 
 
@@ -194,8 +208,8 @@ def test_a_log_that_does_not_fit_is_found_before_a_frame_is_read():
     def load(k):
         raise AssertionError("a frame was read")
 
-    stamp = Stamp("frame", CAMERA.shape, (0.0, 0.0), load)
-    recording = Recording("memory", 3, (stamp,), times=FrameTimes(np.arange(3.0)))
+    frames = replace(lb.open_frames(np.zeros((3, *CAMERA.shape))), source=Loading(3, load))
+    recording = Recording("memory", 3, (Stamp("frame", frames),), times=FrameTimes(np.arange(3.0)))
     log = TemperatureLog(
         FrameTimes(np.array([50.0, 60.0])), np.array([[18.0], [19.0]]), ("temperature_degC",)
     )
@@ -296,7 +310,7 @@ def test_of_many_unreadable_frames_the_first_few_are_named():
             raise UnreadableFrame(f"page {k} is torn")
         return frames[k]
 
-    stamp = Stamp("frame", frames.shape[1:], (0.0, 0.0), load)
+    stamp = Stamp("frame", replace(lb.open_frames(frames), source=Loading(len(frames), load)))
     measured = lb.measure(
         Recording("memory", len(frames), (stamp,), skip_unreadable=True), detector=DETECTOR, block=4
     )

@@ -18,7 +18,8 @@ def images(folder, frames, suffix=".tif"):
 
 
 def every_frame(recording):
-    return recording.stamps[0].read(0, recording.n_frames, skip=recording.skip_unreadable)
+    block = recording.stamps[0].read(0, recording.n_frames, skip=recording.skip_unreadable)
+    return block.frames, block.good
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff"])
@@ -51,7 +52,7 @@ def test_frames_stay_on_disk_until_asked_for(tmp_path):
     folder = images(tmp_path / "frames", FRAMES)
     recording = lb.read_recording(folder)
     cv2.imwrite(str(folder / "frame-5.tif"), FRAMES[0])
-    np.testing.assert_array_equal(recording.stamps[0].read(5, 6, skip=False)[0][0], FRAMES[0])
+    np.testing.assert_array_equal(recording.stamps[0].read(5, 6, skip=False).frames[0], FRAMES[0])
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
@@ -79,7 +80,7 @@ def test_mixed_frame_sizes_are_named(tmp_path):
 def test_a_colour_image_is_refused(tmp_path):
     folder = tmp_path / "colour"
     folder.mkdir()
-    cv2.imwrite(str(folder / "a.png"), np.zeros((8, 8, 3), np.uint8))
+    cv2.imwrite(str(folder / "a.png"), np.arange(192, dtype=np.uint8).reshape(8, 8, 3))
     with pytest.raises(
         ValueError, match=r"a.png must be one grey image \(rows, cols\), got 3 colour channels"
     ):
@@ -88,16 +89,17 @@ def test_a_colour_image_is_refused(tmp_path):
 
 def test_what_is_no_recording_is_refused_by_name(tmp_path):
     with pytest.raises(
-        FileNotFoundError, match="no recording at .*nowhere: expected a folder of frames"
+        FileNotFoundError, match="no recording at .*nowhere: expected a folder of images"
     ):
         lb.read_recording(tmp_path / "nowhere")
     (tmp_path / "notes.txt").write_text("hello")
     with pytest.raises(
-        ValueError, match=r"holds no frames: expected PNG, TIFF or FITS files, got 1 other files"
+        ValueError,
+        match=r"holds no frames: expected PNG, TIFF or FITS files or the like, got 1 other",
     ):
         lb.read_recording(tmp_path)
     with pytest.raises(
-        ValueError, match=r"notes.txt is no recording: expected .tif, .npy, .npz or .fits"
+        ValueError, match=r"notes.txt is no recording: expected a folder of images, or a TIFF, .npy"
     ):
         lb.read_recording(tmp_path / "notes.txt")
     np.save(tmp_path / "flat.npy", FRAMES[0])
@@ -108,7 +110,13 @@ def test_what_is_no_recording_is_refused_by_name(tmp_path):
     np.save(tmp_path / "empty.npy", FRAMES[:0])
     with pytest.raises(ValueError, match=r"empty.npy holds no frames"):
         lb.read_recording(tmp_path / "empty.npy")
-    (tmp_path / "cut.npy").write_bytes((tmp_path / "flat.npy").read_bytes()[:-20])
+    np.save(tmp_path / "cut.npy", FRAMES)
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "cut.npy").read_bytes()[:-20])
+    with pytest.raises(UnreadableFrame, match=r"cut.npy is cut short after frame 11 of 12: skip"):
+        lb.read_recording(tmp_path / "cut.npy")
+    kept = lb.read_recording(tmp_path / "cut.npy", on_unreadable="skip")
+    np.testing.assert_array_equal(every_frame(kept)[0], FRAMES[:11])
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "cut.npy").read_bytes()[:60])
     with pytest.raises(UnreadableFrame, match=r"cut.npy cannot be read"):
         lb.read_recording(tmp_path / "cut.npy")
     np.savez(tmp_path / "whole.npz", frames=FRAMES)

@@ -1,0 +1,77 @@
+"""Folders of PNG, BMP, PGM, JPEG and single TIFF images: one frame a file."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from losbench.recording.frames.handles import quiet_opencv
+from losbench.recording.frames.protocol import Found, UnreadableFrame, decoding, fits_in
+from losbench.recording.frames.tiff import TIFF, facts, single_page
+
+__all__ = ["IMAGES", "ImageFiles", "open_images"]
+
+_LOSSY = (".jpg", ".jpeg")
+IMAGES = (".png", ".bmp", ".pgm", ".pnm", *_LOSSY, *TIFF)
+# How a whole file ends; decoders fill up with grey what is missing.
+_END = {".png": b"IEND\xaeB`\x82", ".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFiles:
+    """One image a file: names in one folder, in the order of the frames."""
+
+    folder: Path
+    names: tuple[str, ...]
+
+    @property
+    def n_frames(self) -> int:
+        """Number of files."""
+        return len(self.names)
+
+    def frame(self, k: int) -> NDArray[Any]:
+        """Return the image of one file."""
+        path, label = self.folder / self.names[k], self.label(k)
+        if path.suffix.lower() in TIFF:
+            return single_page(path, label)
+        return _decoded(path, label)
+
+    def label(self, k: int) -> str:
+        """Return the name of a file."""
+        return Path(self.names[k]).name
+
+
+def open_images(paths: list[Path], name: str) -> Found:
+    """Return image files as frames."""
+    folder = paths[0].parent
+    source = ImageFiles(folder, tuple(os.path.relpath(path, folder) for path in paths))
+    kind = paths[0].suffix.lower()
+    bits, notes = facts(paths[0]) if kind in TIFF else (None, ())
+    lossy = 2 if kind in _LOSSY else 0
+    return Found(name=name, source=source, bits=bits, like_grey=lossy, notes=notes)
+
+
+def _decoded(path: Path, label: str) -> NDArray[Any]:
+    import cv2
+    from PIL import Image
+
+    with decoding(f"{label}: not an image, or cut short:"):
+        data = path.read_bytes()
+        with Image.open(path) as header:  # reads no pixel, so that sizes can be judged first
+            width, height = header.size
+            bytes_each = 8 if header.mode not in ("1", "L", "P") else 1
+    fits_in(label, width * height * bytes_each, len(data))
+    end = _END.get(path.suffix.lower(), b"")
+    if end not in data[-1024:]:
+        raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
+    with decoding(label), quiet_opencv():
+        frame = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if frame is None:
+        raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
+    # OpenCV puts blue first.
+    return frame if frame.ndim == 2 else frame[..., [2, 1, 0, 3][: frame.shape[-1]]]

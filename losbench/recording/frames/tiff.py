@@ -1,0 +1,267 @@
+"""TIFF and BigTIFF: pages by their number, stacks of one page, packed bits, white as zero."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from losbench.arrays import Ints
+from losbench.recording.frames.contiguous import Contiguous, native
+from losbench.recording.frames.handles import file_size, opened, plain_file, quiet_opencv
+from losbench.recording.frames.packed import unpacked
+from losbench.recording.frames.protocol import (
+    Found,
+    Source,
+    UnreadableFrame,
+    cut_short,
+    decoding,
+    fits_in,
+)
+
+if TYPE_CHECKING:
+    import tifffile
+
+__all__ = ["TIFF", "Pages", "facts", "open_tiff", "single_page"]
+
+TIFF = (".tif", ".tiff", ".btf", ".tf8")
+# By magic number, classic and big: bytes before the first offset, formats of offset and count,
+# bytes of an entry.
+_KINDS = {42: (0, "I", "H", 12), 43: (4, "Q", "Q", 20)}
+_PLAIN, _LZW = 1, 5
+_MINISWHITE, _PALETTE = 0, 3
+
+logging.getLogger("tifffile").addHandler(logging.NullHandler())  # faults come as errors
+
+
+@dataclass(frozen=True, eq=False)
+class Pages:
+    """Pages of a TIFF by the places of their directories: the last comes as fast as the first."""
+
+    path: Path
+    offsets: Ints
+
+    @property
+    def n_frames(self) -> int:
+        """Number of pages."""
+        return len(self.offsets)
+
+    def frame(self, k: int) -> NDArray[Any]:
+        """Return the image of one page."""
+        label = self.label(k)
+        with decoding(label):
+            return _image(_page(self.path, int(self.offsets[k]), k), label)
+
+    def label(self, k: int) -> str:
+        """Return the name of a page."""
+        return f"page {k} of {self.path.name}"
+
+
+def open_tiff(path: Path, *, skip: bool) -> Found:
+    """Return the pages of a TIFF, or the frames of its only page."""
+    directories, whole = _directories(path)
+    if not len(directories):
+        raise UnreadableFrame(f"{path.name} cannot be read: not a TIFF, or cut short")
+    source: Source = Pages(path, directories)
+    said: tuple[str, ...] = ()
+    if not whole:
+        said = (f"{path.name} is cut short after page {len(directories)}",)
+        if not skip:
+            raise UnreadableFrame(f"{said[0]}: skip what is unreadable to use those")
+        said = (f"{said[0]}: what came after is lost.",)
+    elif len(directories) == 1:
+        source, said = _stack_of_one_page(path, skip=skip) or (source, said)
+    bits, notes = facts(path)
+    return Found(name=path.name, source=source, bits=bits, notes=(*said, *notes))
+
+
+def facts(path: Path) -> tuple[int | None, tuple[str, ...]]:
+    """Bits of the numbers, where they are no whole bytes, and what is to be said of the first page.
+
+    Whether that page can be read is for whoever reads it.
+    """
+    try:
+        with decoding(path.name):
+            page = _page(path, int(_directories(path)[0][0]), 0)
+            bits = page.bitspersample if page.bitspersample % 8 else None
+            turned = f"In {path.name} zero is white: its numbers are turned."
+            return bits, (turned,) if page.photometric == _MINISWHITE else ()
+    except UnreadableFrame:
+        return None, ()
+
+
+def single_page(path: Path, label: str) -> NDArray[Any]:
+    """Return the image of a file that must have one page."""
+    with decoding(label):
+        directories, _ = _directories(path)
+    if not len(directories):
+        raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
+    if len(directories) > 1:
+        raise UnreadableFrame(
+            f"{label} must be one image as the first file, but has {len(directories)} pages"
+        )
+    with decoding(label):
+        return _image(_page(path, int(directories[0]), 0), label)
+
+
+def _directories(path: Path) -> tuple[Ints, bool]:
+    """Follow the chain of directories: their places, and whether the last one is there whole."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        order = {b"II": "<", b"MM": ">"}.get(file.read(2), "")
+        magic = _number(file, f"{order}H") if order else 0
+        if magic not in _KINDS:
+            return np.empty(0, np.int64), True
+        skipped, offset, count, entry = _KINDS[magic]
+        file.seek(4 + skipped)
+        places: dict[int, None] = {}
+        at = _number(file, order + offset)
+        while at and at not in places:
+            file.seek(at) if at < size else file.seek(size)
+            n = _number(file, order + count)
+            end = at + struct.calcsize(count) + n * entry + struct.calcsize(offset)
+            if end > size:
+                return np.array(list(places), np.int64), False
+            places[at] = None
+            file.seek(n * entry, 1)
+            at = _number(file, order + offset)
+    return np.array(list(places), np.int64), True
+
+
+def _number(file: BinaryIO, form: str) -> int:
+    size = struct.calcsize(form)
+    return int(struct.unpack(form, file.read(size).ljust(size, b"\0"))[0])
+
+
+def _tiff_file(path: Path) -> tifffile.TiffFile:
+    import tifffile
+
+    return tifffile.TiffFile(path)
+
+
+def _page(path: Path, offset: int, k: int) -> tifffile.TiffPage:
+    import tifffile
+
+    file = opened(_tiff_file, path)
+    file.filehandle.seek(offset)
+    page = tifffile.TiffPage(file, k)
+    size = path.stat().st_size
+    places = list(zip(page.dataoffsets, page.databytecounts, strict=False))
+    # Where nothing is stored tifffile gives zeros, and what is cut short it fills up with them.
+    if not places or any(not begin or not n or begin + n > size for begin, n in places):
+        raise UnreadableFrame(f"page {k} of {path.name} cannot be read: cut short?")
+    fits_in(f"page {k} of {path.name}", int(page.nbytes), size)
+    return page
+
+
+def _image(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
+    """Return the numbers of a page, (rows, cols) or (rows, cols, channels), zero as black."""
+    if page.photometric == _PALETTE:
+        raise UnreadableFrame(f"{label} must be one grey image (rows, cols), got palette colours")
+    if page.axes not in ("YX", "YXS", "SYX"):
+        raise UnreadableFrame(f"{label} must be one image, got {page.axes} of shape {page.shape}")
+    bits = page.bitspersample
+    plain = page.compression == _PLAIN and page.fillorder == 1 and page.predictor == 1
+    if page.axes == "YX" and plain and not page.is_tiled and 8 < bits < 16:
+        image = _packed_strips(page)
+    elif page.axes == "YX" and page.compression == _LZW and bits in (8, 16):
+        image = _by_opencv(page, label)
+    else:
+        image = _by_tifffile(page)
+    if page.axes == "SYX":
+        image = np.moveaxis(image, 0, -1)
+    if page.photometric == _MINISWHITE and image.dtype.kind == "u":
+        image = np.array(2**bits - 1, image.dtype) - image
+    return native(image)
+
+
+def _by_tifffile(page: tifffile.TiffPage) -> NDArray[Any]:
+    try:
+        return page.asarray(maxworkers=1)
+    except (ImportError, ValueError, NotImplementedError) as error:
+        if "imagecodecs" not in str(error):
+            raise
+        raise ImportError(
+            f"{page.parent.filename} is a TIFF of compression {page.compression:d} with "
+            f"{page.bitspersample} bits, which needs more decoders: pip install 'losbench[tiff]'"
+        ) from None
+
+
+def _packed_strips(page: tifffile.TiffPage) -> NDArray[Any]:
+    """Unpack strips whose rows begin at whole bytes."""
+    rows, columns = page.shape
+    row_bytes = -(-columns * page.bitspersample // 8)
+    file, image = page.parent.filehandle, np.empty((rows, columns), np.uint16)
+    first = 0
+    for begin, count in zip(page.dataoffsets, page.databytecounts, strict=True):
+        n = min(page.rowsperstrip, rows - first)
+        file.seek(begin)
+        lines = np.frombuffer(file.read(count), np.uint8)[: n * row_bytes].reshape(n, row_bytes)
+        image[first : first + n] = unpacked(lines, page.bitspersample, columns, high_first=True)
+        first += n
+    if first < rows:
+        raise UnreadableFrame(f"{page.parent.filename} holds {first} of {rows} rows")
+    return image
+
+
+def _by_opencv(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
+    """Decode LZW, which tifffile leaves to an extra, by making a file of one page for OpenCV."""
+    import cv2
+
+    file, segments = page.parent.filehandle, []
+    for begin, count in zip(page.dataoffsets, page.databytecounts, strict=True):
+        file.seek(begin)
+        segments.append(file.read(count))
+    order = page.parent.byteorder
+    places = 8 + np.cumsum([0, *map(len, segments)])
+    tags = {256: [page.imagewidth], 257: [page.imagelength], 258: [page.bitspersample]}
+    tags |= {259: [_LZW], 262: [1], 277: [1], 317: [page.predictor], 339: [page.sampleformat]}
+    if page.is_tiled:
+        tags |= {322: [page.tilewidth], 323: [page.tilelength], 324: list(places[:-1])}
+        tags |= {325: list(map(len, segments))}
+    else:
+        tags |= {273: list(places[:-1]), 278: [page.rowsperstrip], 279: list(map(len, segments))}
+    entries, beyond = b"", int(places[-1]) + 2 + 12 * len(tags) + 4
+    lists = b""
+    for tag, values in sorted(tags.items()):
+        packed = struct.pack(f"{order}{len(values)}I", *map(int, values))
+        where = packed
+        if len(values) > 1:
+            where = struct.pack(f"{order}I", beyond + len(lists))
+            lists += packed
+        entries += struct.pack(f"{order}HHI", tag, 4, len(values)) + where
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", int(places[-1]))
+    directory = struct.pack(f"{order}H", len(tags)) + entries + struct.pack(f"{order}I", 0)
+    whole = b"".join([head, *segments, directory, lists])
+    with quiet_opencv():
+        image = cv2.imdecode(np.frombuffer(whole, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.shape != page.shape:
+        raise UnreadableFrame(f"{label} cannot be read: its LZW data is damaged")
+    return image
+
+
+def _stack_of_one_page(path: Path, *, skip: bool) -> tuple[Contiguous, tuple[str, ...]] | None:
+    """Frames of a file with one directory for all, as ImageJ's above 4 GB and volumes are, and what
+    is to be said of them.
+    """
+    with decoding(path.name):
+        file = opened(_tiff_file, path)
+        page, shape = file.pages.first, tuple(file.series[0].shape)
+        if len(shape) < 3 or page.axes in ("YXS", "SYX"):
+            return None
+        if not page.is_contiguous or page.compression != _PLAIN or page.bitspersample % 8:
+            raise UnreadableFrame(
+                f"{path.name} cannot be read: {shape} in one page, but not one after the other"
+            )
+        dtype = np.dtype(page.dtype).newbyteorder(page.parent.byteorder)
+        each = dtype.itemsize * int(np.prod(shape[-2:]))
+        first = int(page.dataoffsets[0])
+        there = (file_size(opened(plain_file, path)) - first) // max(each, 1)
+    n_frames, said = cut_short(path.name, int(np.prod(shape[:-2])), there, skip=skip)
+    source = Contiguous(path=path, offsets=first, n_frames=n_frames, shape=shape[-2:], dtype=dtype)
+    return source, said

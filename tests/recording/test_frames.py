@@ -1,0 +1,66 @@
+"""Whatever file the frames come in, the numbers are the same; what a file cannot say is not made up."""
+
+import pickle
+
+import numpy as np
+import pytest
+from files_of_frames import every_kind
+
+import losbench as lb
+
+pytest.importorskip("h5py")
+pytest.importorskip("astropy")
+
+DETECTOR = lb.Detector(gain_e_per_dn=4.0, read_noise_e=8.0, offset_dn=100.0, bits=12)
+SPOTS = np.array([[20.3, 15.8], [48.1, 30.6]])
+
+
+def twelve_bits(n=9):
+    drift = np.linspace(0.0, 0.6, n)[:, None, None] * [1.0, -0.5]
+    light = lb.render_spots(SPOTS + drift, 6e4, 1.7, (44, 66)) + 40.0
+    return DETECTOR.expose(light, np.random.default_rng(4)).astype(np.uint16)
+
+
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory):
+    return every_kind(tmp_path_factory.mktemp("kinds"), twelve_bits())
+
+
+KINDS = [
+    "png", "pgm", "lzw", "tiff", "bigtiff", "tiff12", "tiff-lzw-pages", "ser", "ser-big", "mono12", "mono12p",
+    "mono12packed", "npy", "npy-big", "npy-fortran", "npz", "npz-stored", "fits", "fits.gz", "fits-many", "fits.fz",
+    "hdf5", "hdf5-chunks",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_format_gives_the_same_numbers_in_any_order_and_after_a_pickle(kinds, kind):
+    truth = twelve_bits()
+    recording = lb.read_recording(kinds[kind], period_s=1.0)
+    frames = recording.stamps[0].frames
+    assert (frames.n_frames, frames.shape, frames.dtype) == (9, (44, 66), np.uint16)
+    np.testing.assert_array_equal(frames.read(0, 9), truth)
+    np.testing.assert_array_equal(frames.read(8, 9)[0], truth[8])
+    np.testing.assert_array_equal(frames.read(2, 3)[0], truth[2])
+    room = np.empty((4, 44, 66), np.uint16)
+    frames.read(3, 5, room)
+    np.testing.assert_array_equal(room[:2], truth[3:5])
+    packed = pickle.dumps(recording)
+    again = pickle.loads(packed)
+    np.testing.assert_array_equal(again.stamps[0].read(0, 9, skip=False).frames, truth)
+    assert again.times.seconds.tolist() == recording.times.seconds.tolist()
+    assert len(packed) < 5000
+
+
+def test_every_format_gives_the_same_measurement_to_the_byte(kinds, tmp_path):
+    times = tmp_path / "times.csv"
+    times.write_text("time_s\n" + "".join(f"{5 * k}\n" for k in range(9)))
+    camera = lb.Camera(focal_mm=260.0, pixel_um=5.5, shape=(44, 66))
+    results = {}
+    for kind in KINDS:
+        recording = lb.read_recording(kinds[kind], times=times)
+        measured = lb.measure(recording, camera, detector=DETECTOR, n_spots=2)
+        arrays = measured.xy_px, measured.sigma_xy_px, measured.flags, measured.attitude.angles
+        results[kind] = b"".join(array.tobytes() for array in arrays)
+        assert np.isfinite(measured.attitude.angles).all()
+    assert [kind for kind in KINDS if results[kind] != results["npy"]] == []
