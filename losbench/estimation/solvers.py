@@ -48,6 +48,7 @@ class LeastSquares:
     ----------
     scale : float or (...) array, unit of y, optional
         As `lstsq` takes it.
+    on_fail : "warn", "raise" or "ignore"
 
     Examples
     --------
@@ -56,10 +57,11 @@ class LeastSquares:
     """
 
     scale: float | ArrayLike | None = None
+    on_fail: str = "warn"
 
     def fit(self, A: ArrayLike, y: ArrayLike, group: ArrayLike | None = None) -> RobustFit:
         """Solve A x = y; all weights are 1, whatever the group."""
-        return lstsq(A, y, scale=self.scale)
+        return lstsq(A, y, scale=self.scale, on_fail=self.on_fail)
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,7 @@ class LTS:
     scale : float or (...) array, unit of y, optional
     starts : int, optional
     seed : int or Generator, optional
+    on_fail : "warn", "raise" or "ignore"
 
     Examples
     --------
@@ -135,11 +138,19 @@ class LTS:
     scale: float | ArrayLike | None = None
     starts: int | None = None
     seed: Random = None
+    on_fail: str = "warn"
 
     def fit(self, A: ArrayLike, y: ArrayLike, group: ArrayLike | None = None) -> RobustFit:
         """Solve A x = y; rows of one group (n,) are good or bad together."""
         return lts(
-            A, y, h=self.h, group=group, scale=self.scale, starts=self.starts, seed=self.seed
+            A,
+            y,
+            h=self.h,
+            group=group,
+            scale=self.scale,
+            starts=self.starts,
+            seed=self.seed,
+            on_fail=self.on_fail,
         )
 
 
@@ -237,13 +248,13 @@ def as_part(solver: Solver, scale: float | None = None) -> Solver:
 
     A scale of its own is then a rule or one number: an array would belong to one batch.
     """
-    if isinstance(solver, LeastSquares | IRLS | LTS | MM):
-        own = solver.scale
-        if own is None:
-            solver = replace(solver, scale=scale)
-        elif not (isinstance(own, str) or callable(own)):
-            number("scale", own)
-    return replace(solver, on_fail="ignore") if isinstance(solver, IRLS | MM) else solver
+    if not isinstance(solver, LeastSquares | IRLS | LTS | MM):
+        return solver
+    own = solver.scale
+    if not (own is None or isinstance(own, str) or callable(own)):
+        number("scale", own)
+    known: Any = scale if own is None else own
+    return replace(solver, scale=known, on_fail="ignore")
 
 
 def pooling(solver: Solver) -> bool:

@@ -1,5 +1,7 @@
 """Defined results where arithmetic runs out, and messages where the input cannot be meant."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,6 +12,7 @@ import losbench as lb
 RNG = np.random.default_rng(5)
 A, Y = RNG.standard_normal((8, 3)), RNG.standard_normal(8)
 LOSSES = [lb.Huber(), lb.Bisquare()]
+DEFICIENT = pytest.warns(RuntimeWarning, match="1 of 1 systems do not determine every unknown")
 SCALES = ["mad", "std", "std1", "rms", 1.0, lambda r: np.median(np.abs(r), axis=-1)]
 
 
@@ -58,21 +61,120 @@ def test_short_rank_is_reported_and_solved_with_the_smallest_unknowns(p):
     column = rng.standard_normal((9, 1))
     a = np.concatenate([np.repeat(column, p - 1, axis=1), np.ones((9, 1))], axis=1)
     y = rng.standard_t(2, 9)
-    fit = lb.lstsq(a, y)
+    with DEFICIENT if p > 2 else nullcontext():
+        fit = lb.lstsq(a, y)
     np.testing.assert_allclose(fit.x, np.linalg.pinv(a) @ y, atol=1e-12)
-    robust = lb.irls(a, y)
+    with DEFICIENT if p > 2 else nullcontext():
+        robust = lb.irls(a, y)
     slim = lb.irls(a[:, -2:], y)
     assert fit.rank == robust.rank == slim.rank == 2
     assert fit.dof == robust.dof == 7
     np.testing.assert_allclose(robust.x[: p - 1], slim.x[0] / (p - 1), atol=1e-8)
     np.testing.assert_allclose(robust.residuals, slim.residuals, atol=1e-8)
+    for each in (fit, robust):
+        assert np.isnan(each.std_error[: p - 1]).all() == (p > 2)
+    np.testing.assert_allclose(robust.std_error[-1], slim.std_error[-1], rtol=1e-6)
 
 
 def test_a_column_of_zeros_has_no_say():
-    fit = lb.irls(np.column_stack([A[:, :2], np.zeros(8)]), Y)
+    with DEFICIENT:
+        fit = lb.irls(np.column_stack([A[:, :2], np.zeros(8)]), Y)
     assert fit.rank == 2
+    np.testing.assert_array_equal(np.isnan(fit.std_error), [False, False, True])
     assert fit.x[2] == 0.0
     np.testing.assert_allclose(fit.x[:2], lb.irls(A[:, :2], Y).x, atol=1e-9)
+
+
+FITS = {
+    "lstsq": lb.lstsq,
+    "lstsq, known": lambda A, y, **how: lb.lstsq(A, y, scale=0.3, **how),
+    "irls": lb.irls,
+    "irls, known": lambda A, y, **how: lb.irls(A, y, scale=0.3, **how),
+    "irls, pooled": lambda A, y, **how: lb.irls(A, y, scale="pooled", **how),
+    "irls, bisquare": lambda A, y, **how: lb.irls(A, y, loss="bisquare", max_iter=500, **how),
+    "lts": lb.lts,
+    "lts, known": lambda A, y, **how: lb.lts(A, y, scale=0.3, **how),
+    "mm": lb.mm,
+    "mm, known": lambda A, y, **how: lb.mm(A, y, scale=0.3, **how),
+}
+
+
+@pytest.mark.parametrize("fit", FITS.values(), ids=FITS)
+def test_what_a_design_leaves_open_has_no_error_and_the_rest_keeps_its_own(fit):
+    t = np.linspace(-1.0, 1.0, 10)
+    ones = np.ones(10)
+    y = np.random.default_rng(2).standard_normal(10)
+    cases = {
+        (True, True): ([ones, ones], None),
+        (True, False, True): ([t, ones, 3.0 * t], [ones, t]),
+        (False, True, True): ([ones, t, -1e7 * t], [ones, t]),
+        (True, True, True): ([ones, t, ones + t], None),
+        (True, False, False): ([0.0 * t, ones, t], [ones, t]),
+        (True, True, False, True): ([t**2, ones, t, 2.0 - t**2], [ones, t, t**2]),
+    }
+    for lost, (columns, slim) in cases.items():
+        with DEFICIENT as told:
+            found = fit(np.stack(columns, axis=1), y)
+        assert len(told) == 1
+        assert tuple(np.isnan(found.std_error).tolist()) == lost
+        assert np.isfinite(found.x).all()
+        if slim is not None:
+            other = fit(np.stack(slim, axis=1), y)
+            kept = [k for k, gone in enumerate(lost) if not gone]
+            same = [j for j, each in enumerate(slim) if any(each is columns[k] for k in kept)]
+            np.testing.assert_allclose(found.std_error[kept], other.std_error[same], rtol=1e-5)
+        np.testing.assert_array_equal(
+            np.isnan(fit(np.stack(columns, axis=1), y, on_fail="ignore").std_error), lost
+        )
+        with pytest.raises(RuntimeError, match="do not determine every unknown"):
+            fit(np.stack(columns, axis=1), y, on_fail="raise")
+
+
+@pytest.mark.parametrize("fit", FITS.values(), ids=FITS)
+def test_deficient_systems_of_a_batch_are_counted_and_leave_the_others_alone(fit):
+    rng = np.random.default_rng(7)
+    a, y = rng.standard_normal((5, 12, 3)), rng.standard_normal((5, 12))
+    whole = fit(a, y)
+    a[1, :, 2] = a[1, :, 0]
+    a[3] = 0.0
+    message = "2 of 5 systems do not determine every unknown; errors of what they leave open are"
+    with pytest.warns(RuntimeWarning, match=message) as told:
+        part = fit(a, y)
+    assert len(told) == 1
+    np.testing.assert_array_equal(
+        np.isnan(part.std_error),
+        [[False] * 3, [True, False, True], [False] * 3, [True] * 3, [False] * 3],
+    )
+    if whole.scale_method != "pooled":
+        np.testing.assert_allclose(part.cov[::2], whole.cov[::2], rtol=1e-6)
+
+
+def test_an_unknown_that_hangs_on_rejected_rows_has_no_error():
+    a = np.column_stack([np.ones(12), np.arange(12) == 0])
+    y = np.random.default_rng(4).standard_normal(12)
+    y[0] = 40.0
+    for scale in (1.0, "mad"):
+        fit = lb.irls(a, y, loss="bisquare", scale=scale, x0=[0.0, 0.0], max_iter=500)
+        assert fit.weights[0] == 0
+        np.testing.assert_array_equal(np.isnan(fit.std_error), [False, True])
+        kept = lb.irls(a, y, scale=scale)
+        assert np.isfinite(kept.std_error).all()
+
+
+def test_a_time_in_nanoseconds_hides_the_slope_and_says_so():
+    t = 1.7e18 + 1e3 * np.arange(24.0)
+    with DEFICIENT:
+        fit = lb.irls(np.stack([t, np.ones_like(t)], axis=1), 0.5 * (t - t[0]))
+    assert np.isnan(fit.std_error).all()
+
+
+@given(exponent=st.integers(1, 12))
+def test_close_to_deficient_errors_are_large_before_they_are_not_given(exponent):
+    t = np.linspace(0.0, 1.0, 30)
+    third = t + 10.0**-exponent * t**2
+    fit = lb.lstsq(np.stack([np.ones(30), t, third], axis=1), t + np.sin(50.0 * t))
+    assert fit.rank == 3
+    assert fit.std_error[1] > 0.5 * 10.0**exponent
 
 
 def test_nearly_parallel_columns_are_still_solved():

@@ -547,6 +547,22 @@ def test_bad_input_is_named(points, shifts, options, message):
         lb.solve_attitude(points, shifts, **options)
 
 
+def test_spots_that_weigh_next_to_nothing_leave_a_rotation_open():
+    sigma = np.full((6, 1), 1e18)
+    sigma[2] = SIGMA_MM
+    shifts = noisy_frames(4, seed=23)
+    message = "4 of 4 solves do not determine all three angles; errors of what they leave open are"
+    for solver in (lb.LeastSquares(), lb.IRLS(), lb.LTS(), lb.MM()):
+        with pytest.warns(RuntimeWarning, match=message) as told:
+            fit = lb.solve_attitude(SPOTS, shifts, sigma=sigma, solver=solver)
+        assert len(told) == 1
+        assert np.isnan(fit.std_error).all()
+    shifts[1, 2] = np.nan
+    with pytest.warns(RuntimeWarning, match="3 of 4 solves do not determine"):
+        fit = lb.solve_attitude(SPOTS, shifts, sigma=sigma, method="ls")
+    np.testing.assert_array_equal(np.isnan(fit.std_error[:, 0]), [True, False, True, True])
+
+
 # Solvers as objects
 
 

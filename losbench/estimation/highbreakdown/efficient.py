@@ -74,7 +74,8 @@ def mm(
         Source of the random starts; the same ones every time unless given. ``rng`` is a second word
         for it.
     on_fail : "warn", "raise" or "ignore"
-        What to do where the last act does not settle, as in `irls`.
+        What to do where the last act does not settle, or A does not determine every unknown, as in
+        `irls`.
 
     Returns
     -------

@@ -132,14 +132,18 @@ class Search:
         """Covariance (B, p, p) in the user's units: size^2 (A'WA)^-1 for weights (B, n) and scaled
         sizes (B,).
         """
-        to_x = self.problem.to_x
-        inverse = to_x @ self.inverse(weights[:, None])[:, 0] @ np.swapaxes(to_x, 1, 2)
-        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            return inverse * ((size * self.problem.x_unit) ** 2)[:, None, None]
+        normal = self._normal(weights[:, None])[:, 0]
+        inverse = self._inverted(normal[:, None])[:, 0]
+        return self.problem.weighted_covariance(inverse, normal, size)
 
     def inverse(self, weights: Floats) -> Floats:
         """Inverses (B or 1, k, p, p) of the normal matrices with weights (B or 1, k, n)."""
-        packed = weights @ self._pairs + self._unused
+        return self._inverted(self._normal(weights))
+
+    def _normal(self, weights: Floats) -> Floats:
+        return weights @ self._pairs + self._unused
+
+    def _inverted(self, packed: Floats) -> Floats:
         p = self.problem.basis.shape[1]
         return spd_inverse(packed.reshape(-1, packed.shape[-1]), p).reshape(
             *packed.shape[:-1], p, p

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.special import gammainc, gammaincinv
 
 from losbench.arrays import Floats
-from losbench.checks import integer
+from losbench.checks import choice, integer
 from losbench.estimation.highbreakdown.mscale import MScale
 from losbench.estimation.highbreakdown.search import (
     EXHAUSTIVE,
@@ -25,7 +25,7 @@ from losbench.estimation.highbreakdown.search import (
     least_of_subsets,
     random_source,
 )
-from losbench.estimation.robust.fit import as_fit
+from losbench.estimation.robust.fit import ON_FAIL, as_fit, report_rank
 from losbench.estimation.robust.problem import read_problem
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import known_scale
@@ -48,6 +48,7 @@ def lts(
     scale: float | ArrayLike | None = None,
     starts: int | None = None,
     seed: Random = None,
+    on_fail: str = "warn",
     rng: Random = None,
 ) -> RobustFit:
     """Solve A x = y by least trimmed squares, for one system or a batch, and refit without what it
@@ -74,6 +75,8 @@ def lts(
     seed : int or Generator, optional
         Source of the random starts; the same ones every time unless given. ``rng`` is a second word
         for it.
+    on_fail : "warn", "raise" or "ignore"
+        What to do where A does not determine every unknown, as in `lstsq`.
 
     Returns
     -------
@@ -111,6 +114,7 @@ def lts(
     array([1., 1., 1., 1., 0., 0., 1.])
     """
     problem = read_problem(A, y)
+    report_rank(problem, choice("on_fail", on_fail, ON_FAIL))
     units = Units.read(group, problem.y.shape[1])
     rank, count = int(problem.rank.max()), len(units.sizes)
     needed, majority = units.needed(rank), units.majority(rank)

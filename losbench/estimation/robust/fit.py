@@ -15,18 +15,32 @@ from losbench.checks import boolean, choice, finite, integer, named_twice, numbe
 from losbench.estimation.losses import Huber, Loss, psi_deriv, read_loss
 from losbench.estimation.robust.iterate import Groups, Method, iterate
 from losbench.estimation.robust.pooled import iterate_pooled
-from losbench.estimation.robust.problem import Problem, blocks, gram, read_problem, spd_inverse
+from losbench.estimation.robust.problem import (
+    Problem,
+    blanked,
+    blocks,
+    gram,
+    read_problem,
+    spd_inverse,
+)
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import Scale, ScaleRule, known_scale
 
-__all__ = ["as_fit", "irls", "lstsq"]
+__all__ = ["ON_FAIL", "as_fit", "irls", "lstsq", "report_rank"]
 
 
+ON_FAIL = ("warn", "raise", "ignore")
 _GREATEST_LEVERAGE = 0.9999
 _TOLERANCE = 1e-10
 
 
-def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None) -> RobustFit:
+def lstsq(
+    A: ArrayLike,
+    y: ArrayLike,
+    *,
+    scale: float | ArrayLike | None = None,
+    on_fail: str = "warn",
+) -> RobustFit:
     """Solve A x = y by least squares, for one system or a batch.
 
     This is the call; `LeastSquares` is the same choice as an object, to be handed on.
@@ -39,6 +53,9 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
         Observations.
     scale : float or (...) array, unit of y, optional
         Standard deviation of ``y`` if it is known; estimated as sqrt(sum r^2 / dof) otherwise.
+    on_fail : "warn", "raise" or "ignore"
+        What to do where A does not determine every unknown; the covariance of those it leaves open
+        is NaN in any case but "raise".
 
     Returns
     -------
@@ -49,6 +66,13 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
     ------
     ValueError
         If shapes disagree, n < p, a value is NaN or infinite, or ``scale`` is not positive.
+    RuntimeError
+        If ``on_fail="raise"`` and an unknown is not determined.
+
+    Warns
+    -----
+    RuntimeWarning
+        Once, if an unknown is not determined.
 
     Notes
     -----
@@ -61,6 +85,7 @@ def lstsq(A: ArrayLike, y: ArrayLike, *, scale: float | ArrayLike | None = None)
     array([1., 2.])
     """
     problem = read_problem(A, y)
+    report_rank(problem, choice("on_fail", on_fail, ON_FAIL))
     z = problem.least_squares()
     residuals = problem.residuals(z)
     n = residuals.shape[1]
@@ -133,8 +158,8 @@ def irls(
         scale sqrt(p); the same as the relative change of the unknowns in orthonormal columns, so
         units do not matter. ``tol`` is a second word for it.
     on_fail : "warn", "raise" or "ignore"
-        What to do where ``max_iter`` was not enough; the last iterate is kept in any case but
-        "raise".
+        What to do where ``max_iter`` was not enough, or A does not determine every unknown; the
+        last iterate is kept, and the covariance of what is left open NaN, in any case but "raise".
 
     Returns
     -------
@@ -151,7 +176,12 @@ def irls(
         If shapes disagree, n < p, a value is NaN or infinite, or an option is not one of those
         above.
     RuntimeError
-        If ``on_fail="raise"`` and a system did not converge.
+        If ``on_fail="raise"`` and a system did not converge, or an unknown is not determined.
+
+    Warns
+    -----
+    RuntimeWarning
+        Once each, if a system did not converge or an unknown is not determined.
 
     Notes
     -----
@@ -182,7 +212,7 @@ def irls(
         if adjusted
         else None,
     )
-    choice("on_fail", on_fail, ("warn", "raise", "ignore"))
+    choice("on_fail", on_fail, ON_FAIL)
     start = problem.least_squares() if x0 is None else _start(problem, A, x0)
     with np.errstate(over="ignore", under="ignore"):
         if method.scale.pooled:
@@ -199,6 +229,7 @@ def irls(
                 problem.part(part), method, z[part], part
             )
     converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
+    report_rank(problem, on_fail)
     _report(converged, method.max_iter, on_fail)
     return as_fit(
         problem,
@@ -228,21 +259,27 @@ def _covariance(problem: Problem, method: Method, residuals: Floats, scale: Floa
         u = method.scaled(method.judged(residuals, np.arange(len(residuals))), scale)
         weights = method.loss.weights(u)
         if method.scale.known:
-            inverse = spd_inverse(
-                gram(problem.basis, weights, problem.rank), problem.basis.shape[1]
-            )
-            shape = problem.to_x @ inverse @ np.swapaxes(problem.to_x, 1, 2)
-            return shape * ((scale * problem.x_unit) ** 2)[:, None, None]
+            normal = gram(problem.basis, weights, problem.rank)
+            inverse = spd_inverse(normal, problem.basis.shape[1])
+            return problem.weighted_covariance(inverse, normal, scale)
         slope = psi_deriv(method.loss, u)
         if method.groups is not None:
             slope = weights + (slope - weights) / method.groups.sizes
-        if not method.scale.pooled:
-            return problem.covariance(_kappa_size(residuals * weights, slope, problem.rank))
-        # All systems are one sample: what is common to them is known from all their rows.
-        rank = np.broadcast_to(problem.rank, len(residuals)).sum(keepdims=True)
-        pulls = residuals * weights * problem.y_unit[:, None]
-        size = _kappa_size(pulls.reshape(1, -1), slope.reshape(1, -1), rank)
-        return problem.covariance(size / problem.y_unit)
+        pulls = residuals * weights
+        if method.scale.pooled:
+            # All systems are one sample: what is common to them is known from all their rows.
+            rank = np.broadcast_to(problem.rank, len(residuals)).sum(keepdims=True)
+            pulls = pulls * problem.y_unit[:, None]
+            size = _kappa_size(pulls.reshape(1, -1), slope.reshape(1, -1), rank) / problem.y_unit
+        else:
+            size = _kappa_size(pulls, slope, problem.rank)
+        cov = problem.covariance(size)
+        if weights.min() > 0.0:
+            return cov
+        # (A'A)^-1 counts rejected rows too, but an unknown that hangs on them alone is not known.
+        normal = gram(problem.basis, weights, problem.rank)
+        left = problem.left_by(spd_inverse(normal, problem.basis.shape[1]), normal)
+        return blanked(cov, left)
 
 
 def _kappa_size(pulls: Floats, slope: Floats, rank: Ints) -> Floats:
@@ -306,15 +343,30 @@ def _start(problem: Problem, A: ArrayLike, x0: ArrayLike) -> Floats:
     return problem.coordinates(finite("A x0", fitted).reshape(-1, fitted.shape[-1]))
 
 
+def report_rank(problem: Problem, on_fail: str) -> None:
+    """Say so, once, if systems do not determine every unknown."""
+    p = problem.basis.shape[1]
+    short = int(np.count_nonzero(np.broadcast_to(problem.rank, len(problem.y)) < p))
+    if short:
+        _tell(
+            f"{short} of {len(problem.y)} systems do not determine every unknown",
+            "errors of what they leave open are NaN, see .rank",
+            on_fail,
+        )
+
+
 def _report(converged: Bools, max_iter: int, on_fail: str) -> None:
     failed = int(np.count_nonzero(~converged))
-    if not failed or on_fail == "ignore":
-        return
-    message = (
-        f"irls: {failed} of {converged.size} systems did not converge in {max_iter} iterations"
-    )
+    if failed:
+        _tell(
+            f"irls: {failed} of {converged.size} systems did not converge in {max_iter} iterations",
+            "their last iterate is kept, see .converged",
+            on_fail,
+        )
+
+
+def _tell(what: str, consequence: str, on_fail: str) -> None:
     if on_fail == "raise":
-        raise RuntimeError(message)
-    warnings.warn(
-        f"{message}; their last iterate is kept, see .converged", RuntimeWarning, stacklevel=3
-    )
+        raise RuntimeError(what)
+    if on_fail == "warn":
+        warnings.warn(f"{what}; {consequence}", RuntimeWarning, stacklevel=4)

@@ -21,6 +21,7 @@ from losbench.checks import finite
 
 __all__ = [
     "Problem",
+    "blanked",
     "blocks",
     "combine",
     "gram",
@@ -39,6 +40,7 @@ _ROUNDING = (
 _TINY = float(np.finfo(float).tiny)
 _SAFE_NORMS = (1e-100, 1e100)
 _BLOCK_ELEMENTS = 2**15  # residuals worked on at once: few enough to stay in the processor's cache
+_DETERMINED = 1e-9  # share of a unit null vector that an unknown may have by rounding alone
 _NEARLY_PARALLEL = (
     1e-2  # sine of the angle to earlier columns below which Gram-Schmidt hands over to the SVD
 )
@@ -59,6 +61,7 @@ class Problem:
     basis: Floats  # (B or 1, p, n), orthonormal; zero rows beyond the rank
     to_x: Floats  # (B or 1, p, p), coordinates in the basis -> unknowns in units of x_unit
     rank: Ints  # (B or 1,)
+    estimable: Bools  # (B or 1, p), unknowns that A determines
     y: Floats  # (B, n), in units of y_unit
     y_unit: Floats  # (B,), powers of two
     x_unit: Floats  # (B,)
@@ -86,9 +89,31 @@ class Problem:
         size (B,).
         """
         with np.errstate(over="ignore", under="ignore"):
-            return (self.to_x @ np.swapaxes(self.to_x, 1, 2)) * ((size * self.x_unit) ** 2)[
+            cov = (self.to_x @ np.swapaxes(self.to_x, 1, 2)) * ((size * self.x_unit) ** 2)[
                 :, None, None
             ]
+        return blanked(cov, self.estimable)
+
+    def weighted_covariance(self, inverse: Floats, normal: Floats, size: Floats) -> Floats:
+        """Covariance (B, p, p) in the user's units: (A'WA)^-1 times size (B,) squared, from Q'WQ,
+        packed, and its inverse in the basis.
+        """
+        cov = self.to_x @ inverse @ np.swapaxes(self.to_x, 1, 2)
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            cov = cov * ((size * self.x_unit) ** 2)[:, None, None]
+        return blanked(cov, self.estimable & self.left_by(inverse, normal))
+
+    def left_by(self, inverse: Floats, normal: Floats) -> Bools:
+        """Unknowns (B, p) that weighted rows still determine."""
+        p = inverse.shape[-1]
+        seen = inverse @ normal[:, _places(p)]  # the projector on what the rows can tell
+        short = np.einsum("bii->b", seen) < p - 0.5
+        left: Bools = np.ones(seen.shape[:2], dtype=bool)
+        if short.any():
+            to_x = np.broadcast_to(self.to_x, seen.shape)[short]
+            lost = np.linalg.norm(to_x @ seen[short] - to_x, axis=-1)
+            left[short] = lost <= _DETERMINED * np.linalg.norm(to_x, axis=-1)
+        return left
 
     def leverage(self) -> Floats:
         """Diagonals (B, n) of the hat matrices."""
@@ -102,6 +127,7 @@ class Problem:
             basis=self.basis[own],
             to_x=self.to_x[own],
             rank=self.rank[own],
+            estimable=self.estimable[own],
             y=y,
             y_unit=self.y_unit[systems],
             x_unit=self.x_unit[systems],
@@ -131,7 +157,7 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
             f"A and y must share their batch axes, got {matrix.shape} and {right.shape}"
         ) from None
     systems = (1,) if matrix.ndim == 2 else batch
-    basis, to_x, rank, column_unit = _factorised(
+    basis, to_x, estimable, column_unit = _factorised(
         np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p)
     )
     right, y_unit, size = _in_range(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
@@ -145,7 +171,8 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
     return Problem(
         basis=basis,
         to_x=to_x * (middle[:, None] / column_unit)[..., None],
-        rank=rank,
+        rank=np.count_nonzero(to_x.any(axis=1), axis=1),
+        estimable=estimable,
         y=right,
         y_unit=y_unit,
         x_unit=x_unit,
@@ -269,23 +296,23 @@ def _in_range(rows: Floats) -> tuple[Floats, Floats, Floats]:
     return rows, unit, np.sqrt(np.vecdot(rows, rows))
 
 
-def _factorised(matrix: Floats) -> tuple[Floats, Floats, Ints, Floats]:
-    """Basis, map to the unknowns over the units of columns, rank, and those units (B, p), of
-    matrices (B, n, p).
+def _factorised(matrix: Floats) -> tuple[Floats, Floats, Bools, Floats]:
+    """Basis, map to the unknowns over the units of columns, which unknowns are determined, and
+    those units (B, p), of matrices (B, n, p).
     """
     count, n, p = matrix.shape
     basis, to_x = np.empty((count, p, n)), np.empty((count, p, p))
-    rank, unit = np.full(count, p), np.empty((count, p))
+    estimable, unit = np.ones((count, p), dtype=bool), np.empty((count, p))
     for part in blocks(count, n):
         columns, unit[part], norm = _in_range(np.ascontiguousarray(np.swapaxes(matrix[part], 1, 2)))
         if p > _CLOSED_FORM_COLUMNS:
-            basis[part], to_x[part], rank[part] = _by_svd(columns)
+            basis[part], to_x[part], estimable[part] = _by_svd(columns)
             continue
         basis[part], to_x[part], safe = _by_gram_schmidt(columns, norm)
         if not safe.all():
             wrong = part.start + np.flatnonzero(~safe)
-            basis[wrong], to_x[wrong], rank[wrong] = _by_svd(columns[~safe])
-    return basis, to_x, rank, unit
+            basis[wrong], to_x[wrong], estimable[wrong] = _by_svd(columns[~safe])
+    return basis, to_x, estimable, unit
 
 
 def _by_gram_schmidt(columns: Floats, norm: Floats) -> tuple[Floats, Floats, Bools]:
@@ -309,9 +336,9 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return np.einsum("nb,nb->b", a, b)
 
 
-def _by_svd(columns: Floats) -> tuple[Floats, Floats, Ints]:
+def _by_svd(columns: Floats) -> tuple[Floats, Floats, Bools]:
     """Basis of unit columns by SVD; where the rank is short, the unknowns have the smallest norm in
-    unit columns.
+    unit columns, and those that the null space moves are not determined.
     """
     length = np.sqrt(np.vecdot(columns, columns))
     length = np.where(length > 0.0, length, 1.0)[..., None]
@@ -319,4 +346,13 @@ def _by_svd(columns: Floats) -> tuple[Floats, Floats, Ints]:
     tolerance = max(columns.shape[1:]) * np.finfo(float).eps * singular[:, :1]
     kept = singular > tolerance
     to_x = mixing * np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)[:, None, :] / length
-    return np.where(kept[..., None], basis, 0.0), to_x, kept.sum(axis=1)
+    moved = np.abs(np.where(kept[:, None, :], 0.0, mixing)).max(axis=-1)
+    # Rounding tilts the null space by about its own share of the smallest direction kept.
+    least = np.min(singular, axis=1, where=kept, initial=np.inf)[:, None]
+    estimable = moved <= np.maximum(_DETERMINED, 10.0 * tolerance / least)
+    return np.where(kept[..., None], basis, 0.0), to_x, estimable
+
+
+def blanked(cov: Floats, known: Bools) -> Floats:
+    """Covariances (B, p, p) without what belongs to unknowns that are not known (B or 1, p)."""
+    return cov if known.all() else np.where(known[:, :, None] & known[:, None, :], cov, np.nan)

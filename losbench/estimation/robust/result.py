@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from losbench.arrays import Bools, Floats, Indices, Ints
 from losbench.checks import number
+from losbench.display import html_table, table, with_error
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["RobustFit"]
 
 
 _ROWS_SHOWN = 10
+_UNKNOWNS_SHOWN = 6
 
 
 class OnDemand:
@@ -119,6 +124,45 @@ class RobustFit:
         return "\n".join(
             [repr(self), *(self._batch_lines() if self.x.ndim > 1 else self._single_lines())]
         )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a pandas table with one row per system: unknowns x0, x1, ... with their errors,
+        scale, rows of weight below 1, and how the iteration ended.
+        """
+        p = self.x.shape[-1]
+        columns: dict[str, Any] = {f"x{k}": self.x[..., k] for k in range(p)}
+        columns |= {f"std_error{k}": self.std_error[..., k] for k in range(p)}
+        columns["scale"] = self.scale
+        columns["doubted"] = np.count_nonzero(self.weights < 1.0, axis=-1)
+        columns |= {"dof": self.dof, "rank": self.rank}
+        columns |= {"n_iter": self.n_iter, "converged": self.converged}
+        return table(columns, axes=["system"])
+
+    def _repr_html_(self) -> str:
+        if self.x.ndim > 1:
+            return self._batch_html()
+        rows = (
+            (k, with_error(float(value), float(error)))
+            for k, (value, error) in enumerate(zip(self.x, self.std_error, strict=True))
+        )
+        doubted = int(np.count_nonzero(self.weights < 1.0))
+        note = f"{doubted} of {self.weights.size} rows have a weight below 1."
+        return html_table(repr(self), ["unknown", "value"], rows, count=len(self.x), note=note)
+
+    def _batch_html(self) -> str:
+        p = min(self.x.shape[-1], _UNKNOWNS_SHOWN)
+        batch = self.x.shape[:-1]
+        heads = ["system", *(f"x{k}" for k in range(p)), "scale", ""]
+        rows = (
+            (
+                ", ".join(map(str, at)),
+                *map(with_error, self.x[at][:p].tolist(), self.std_error[at][:p].tolist()),
+                f"{self.scale[at]:.4g}",
+                "" if self.converged[at] else "not converged",
+            )
+            for at in np.ndindex(batch)
+        )
+        return html_table(repr(self), heads, rows, count=self.scale.size)
 
     def __repr__(self) -> str:
         """One line: what was fitted, how, and whether it settled."""

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from losbench.arrays import Bools, Floats, Ints
+from losbench.display import html_table, table, with_error
 from losbench.units import rad_to_arcsec
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 __all__ = ["AttitudeFit"]
+
+_ANGLES = ("alpha", "beta", "gamma")
 
 
 @dataclass(frozen=True)
@@ -66,3 +73,46 @@ class AttitudeFit:
     def std_error_arcsec(self) -> Floats:
         """One-sigma errors of the angles (..., 3) in arcseconds."""
         return rad_to_arcsec(self.std_error)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a pandas table with one row per solve: the angles and their errors in arcseconds,
+        and how far to trust them.
+        """
+        columns: dict[str, Any] = {}
+        for k, name in enumerate(_ANGLES):
+            columns[f"{name}_arcsec"] = self.angles_arcsec[..., k]
+            columns[f"sigma_{name}_arcsec"] = self.std_error_arcsec[..., k]
+        for name, values in (
+            ("redundancy", self.redundancy),
+            ("p_value", self.p_value),
+            ("scale", self.scale),
+            ("converged", self.converged),
+            ("ok", self.ok),
+        ):
+            columns[name] = values
+        return table(columns, axes=["solve"])
+
+    def _repr_html_(self) -> str:
+        batch = self.angles.shape[:-1]
+        settled = int(np.count_nonzero(self.converged))
+        title = f"AttitudeFit: {self.ok.size} solves, {settled} converged; arcseconds"
+        rows = (
+            (
+                ", ".join(map(str, at)),
+                *map(
+                    with_error,
+                    self.angles_arcsec[at].tolist(),
+                    self.std_error_arcsec[at].tolist(),
+                ),
+                "" if np.isnan(self.p_value[at]) else f"{self.p_value[at]:.2g}",
+                self._trouble(at),
+            )
+            for at in np.ndindex(batch)
+        )
+        heads = ["solve", *_ANGLES, "p-value", ""]
+        return html_table(title, heads, rows, count=self.ok.size)
+
+    def _trouble(self, at: tuple[int, ...]) -> str:
+        if not self.ok[at]:
+            return "too few spots"
+        return "" if self.converged[at] else "not converged"

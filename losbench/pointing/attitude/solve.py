@@ -101,7 +101,9 @@ def solve_attitude(
         If two spots are asked to tell which of them is bad: their residuals are equal, so no weight
         can.
     RuntimeWarning
-        If a solve did not converge; its last iterate is kept.
+        Once each, if a solve did not converge (its last iterate is kept), or does not determine all
+        three angles, as where all spots but one have next to no weight (errors of what it leaves
+        open are NaN).
 
     Notes
     -----
@@ -145,6 +147,15 @@ def solve_attitude(
         if exact
         else recipe.solve(blocks, design_matrix(p, model)[None], blocks.shifts)
     )
+    # The sum of leverages is the rank.
+    blind = int(np.count_nonzero(fit.ok & (np.nansum(fit.leverage, axis=(1, 2)) < 2.5)))
+    if blind:
+        warnings.warn(
+            f"{blind} of {fit.ok.size} solves do not determine all three angles; errors of what "
+            "they leave open are NaN",
+            RuntimeWarning,
+            stacklevel=2,
+        )
     failed = int(np.count_nonzero(fit.ok & ~fit.converged))
     if failed:
         warnings.warn(
@@ -210,7 +221,11 @@ class _Recipe:
         )
         p_value = np.full(count, np.nan)
         if self.known:
-            least = solved if isinstance(self.solver, LeastSquares) else lstsq(matrix, right)
+            least = (
+                solved
+                if isinstance(self.solver, LeastSquares)
+                else lstsq(matrix, right, on_fail="ignore")
+            )
             p_value = chdtrc(least.dof, np.vecdot(least.residuals, least.residuals))
         return AttitudeFit(
             angles=solved.x,
