@@ -1,22 +1,37 @@
-"""When frames were taken, and how warm it was: times and temperature logs as CSV files."""
+"""When frames were taken, and how warm it was: times and temperature logs as CSV files.
+
+How such files are written is told, with an example of each, in the README and by ``losbench measure
+--help``; `losbench.tables` reads them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Floats, Indices
-
-if TYPE_CHECKING:
-    import pandas as pd
+from losbench.tables.cells import BadCell
+from losbench.tables.dialect import Dialect, DialectOptions
+from losbench.tables.moments import Moments, elapsed_s, read_moments, utc_after, written
+from losbench.tables.roles import celsius, moments_of, renamed, seconds_of, temperature_columns
+from losbench.tables.table import Table, read_table
 
 __all__ = ["FrameTimes", "TemperatureLog", "read_temperature_log", "read_times"]
 
+_HOUR_S = 3600.0
+_HINT_AT_ZONE = (
+    "; times without an offset were taken as UTC: if they are local, say utc_offset (--utc-offset)"
+)
+_START_NOTE = ("The start has no offset and is taken as UTC (+01:00 at its end says otherwise).",)
+_HINT_AT_HOUR = (
+    ", as where local time has an hour twice: name its zone by utc_offset (--utc-offset "
+    "Europe/Berlin)"
+)
 _UTC_HINT = "ISO 8601 UTC as 2026-03-01T12:00:00Z"
 
 
@@ -27,13 +42,27 @@ class FrameTimes:
     Attributes
     ----------
     seconds : (n,) array
-        Seconds since ``start``, or since an origin of the user's own. NaN where unknown.
+        Seconds elapsed since ``start``, leap seconds counted, or since an origin of the user's own.
+        NaN where unknown.
     start : numpy.datetime64 or None
         The origin in UTC, where it is known.
+    assumed_utc : bool
+        Whether nothing but the lack of an offset says that it is UTC.
+    notes : tuple of str
+        What was noticed in the file that they came from.
     """
 
     seconds: Floats
     start: np.datetime64 | None = None
+    assumed_utc: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def utc(self) -> NDArray[np.datetime64]:
+        """The same as UTC (n,), NaT where unknown; ``ValueError`` if no origin is known."""
+        if self.start is None:
+            raise ValueError("times must have an origin in UTC to be told in it, but have none")
+        return utc_after(self.start, self.seconds)
 
     def seconds_since(self, other: FrameTimes, name: str) -> Floats:
         """Return these times on the clock of ``other``; both need a UTC origin, or neither."""
@@ -45,7 +74,7 @@ class FrameTimes:
             )
         if self.start is None or other.start is None:
             return self.seconds
-        return self.seconds + (self.start - other.start) / np.timedelta64(1, "ns") * 1e-9
+        return self.seconds + elapsed_s(other.start, self.start)
 
 
 @dataclass(frozen=True)
@@ -60,12 +89,15 @@ class TemperatureLog:
         Names of the k sensors.
     utc : FrameTimes or None
         The same times on the other clock, where a log has seconds and UTC.
+    notes : tuple of str
+        What was noticed in the file.
     """
 
     times: FrameTimes
     celsius: Floats
     names: tuple[str, ...]
     utc: FrameTimes | None = None
+    notes: tuple[str, ...] = ()
 
     def at(self, frames: FrameTimes, *, max_gap_s: float | None = None) -> Floats:
         """Interpolate linearly to the frames' times.
@@ -97,6 +129,8 @@ class TemperatureLog:
                 f"the temperature log must overlap the frames in time: it runs from {t[0]:g} to "
                 f"{t[-1]:g} s, "
                 f"the frames from {np.nanmin(want):g} to {np.nanmax(want):g} s"
+                + _HINT_AT_ZONE
+                * (clock.assumed_utc or frames.assumed_utc)
             )
         limit = 10.0 * float(np.median(np.diff(t))) if max_gap_s is None else max_gap_s
         return np.stack(
@@ -116,34 +150,43 @@ def _interpolated(want: Floats, t: Floats, celsius: Floats, limit: float) -> Flo
     return np.where(known, np.interp(want, t, celsius), np.nan)
 
 
-def times_from_utc(texts: list[str | None], name: str) -> FrameTimes:
-    """Return times from ISO 8601 texts, since the first that is known; NaN where a text is
-    missing.
-    """
-    utc = utc_times(name, texts)
-    known = utc[~np.isnat(utc)]
-    if not known.size:
+def times_from_utc(texts: Sequence[str | None], name: str) -> FrameTimes:
+    """Return times from texts, since the first that is known; NaN where a text is missing."""
+    try:
+        found = read_moments(written([text or "" for text in texts]))
+    except BadCell as error:
+        raise ValueError(f"{name} {error}") from None
+    if found.missing.all():
         raise ValueError(f"{name} must hold at least one time")
-    return FrameTimes(
-        np.where(np.isnat(utc), np.nan, (utc - known[0]) / np.timedelta64(1, "ns") * 1e-9), known[0]
-    )
+    return FrameTimes(found.seconds, found.start, found.assumed_utc)
 
 
 def increasing(times: FrameTimes, name: str) -> FrameTimes:
     """Return times if those that are known increase."""
-    if (np.diff(times.seconds[np.isfinite(times.seconds)]) <= 0).any():
-        raise ValueError(f"{name} must hold increasing times, one for each frame in order")
+    step = np.diff(times.seconds[np.isfinite(times.seconds)])
+    if (step <= 0).any():
+        again = times.assumed_utc and (step[step <= 0] >= -_HOUR_S).all()
+        raise ValueError(
+            f"{name} must hold increasing times, one for each frame in order"
+            + _HINT_AT_HOUR * bool(again)
+        )
     return times
 
 
 def read_times(
-    path: str | Path | None,
-    n_frames: int,
+    path: str | Path | FrameTimes | None,
+    n_frames: int | None,
     *,
     period_s: float | None = None,
     start: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    **options: Unpack[DialectOptions],
 ) -> FrameTimes | None:
-    """Return the frames' times from a CSV file or a constant period; None if neither is given."""
+    """Return the frames' times from a CSV file or a constant period; None if neither is given.
+
+    The columns are those of `read_temperature_log`, as are the options. Times that were read before
+    are checked for the number of frames, which may be None for as many as there are.
+    """
     if start is not None and (path is not None or period_s is None):
         raise ValueError(
             "start goes with period_s: without a period, or with a file of times, it says nothing"
@@ -151,156 +194,183 @@ def read_times(
     if path is None:
         if period_s is None:
             return None
+        origin = None if start is None else times_from_utc([start], "start")
         return FrameTimes(
-            np.arange(n_frames, dtype=np.float64) * period_s,
-            None if start is None else utc_times("start", [start])[0],
+            np.arange(n_frames or 0, dtype=np.float64) * period_s,
+            None if origin is None else origin.start,
+            origin is not None and origin.assumed_utc,
+            _START_NOTE[: origin is not None and origin.assumed_utc],
         )
-    table = read_table(path)
-    times = _time_columns(table, Path(path).name, {})
-    if len(times.seconds) != n_frames:
+    if isinstance(path, FrameTimes):
+        times, name = path, "times"
+    else:
+        table = read_table(path, Dialect(**options), option="--times-column")
+        times, name = _clock(table, renamed(table, columns)), table.file
+        times = increasing(replace(times, notes=(*table.notes, *times.notes)), name)
+    if n_frames not in (None, len(times.seconds)):
         raise ValueError(
-            f"{Path(path).name} must have one row for each of {n_frames} frames, got "
-            f"{len(times.seconds)}"
+            f"{name} must have one row for each of {n_frames} frames, got {len(times.seconds)}"
         )
-    return increasing(times, Path(path).name)
+    return times
 
 
 def read_temperature_log(
-    path: str | Path, *, columns: Mapping[str, str] | None = None
+    path: str | Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    **options: Unpack[DialectOptions],
 ) -> TemperatureLog:
     r"""Read a temperature log.
 
     Parameters
     ----------
     path : str or Path
-        CSV with ``time_s`` (seconds on the frames' clock) or ``time`` (ISO 8601, UTC), and one or
-        more columns whose names start with ``temperature`` and end with ``_degC``. Of both clocks,
-        that of the frames counts.
+        CSV with ``time_s`` (seconds on the frames' clock) or ``time`` (a date with a time, as
+        2026-03-01T12:00:00Z), and one or more columns with a unit of temperature, as
+        ``temperature_degC`` or ``T [K]``. Of both clocks, that of the frames counts.
     columns : mapping, optional
-        Standard name to the file's own: ``{"time_s": "t", "temperature_degC": "Room (C)"}``.
+        Standard name to the file's own: ``{"time_s": "t", "temperature_degC": "Room (C)"}``; also
+        ``time``, ``date``.
+    **options
+        What the file does not tell: ``delimiter``, ``encoding``, ``date_order`` ("dmy", "mdy"),
+        ``utc_offset`` (hours, or a zone as "Europe/Berlin"), ``sentinel`` (numbers that stand for
+        none), ``unit`` (``{"T1": "degF"}``).
 
     Returns
     -------
     TemperatureLog
         Sorted by time; of equal times the first kept; sensors with fewer than two readings left
-        out. A missing reading is NaN.
+        out. A missing reading is NaN. ``notes`` say what was taken for granted.
 
     Raises
     ------
     ValueError
-        If a column is missing or unreadable; the message lists the columns that there are.
+        If a column is missing or unreadable, a number or a time may mean two things, or the times
+        go back more than once; the message names file and line, or the columns that there are.
 
     Examples
     --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     log = Path(folder, "log.csv")
-    ...     _ = log.write_text("time_s,temperature_degC\n0,18.0\n60,18.5\n")
+    ...     _ = log.write_text("time_s;temperature_degC\n0;18,0\n60;18,5\n")
     ...     readings = read_temperature_log(log)
-    >>> readings.celsius.shape, readings.names
-    ((2, 1), ('temperature_degC',))
+    >>> readings.celsius.ravel().tolist(), readings.names
+    ([18.0, 18.5], ('temperature_degC',))
     """
-    table, name, mapping = read_table(path), Path(path).name, dict(columns or {})
-    for standard, own in mapping.items():
-        if own not in table.columns:
-            raise ValueError(
-                f"{name} has no column {own!r} for {standard}; it has {_listed(table)}"
-            )
-    table = table.rename(columns={own: standard for standard, own in mapping.items()})
-    names = [c for c in table.columns if c.startswith("temperature") and c.endswith("_degC")]
-    if not names:
+    table = read_table(path, Dialect(**options))
+    mapping = renamed(table, columns)
+    sensors = temperature_columns(table, mapping)
+    if not sensors:
         raise ValueError(
-            f"{name} must have a column such as temperature_degC; it has {_listed(table)} (map "
-            "other names)"
+            f"{table.file} must have a column such as temperature_degC; it has {table.listed()}; "
+            f"map its own name by {table.mapped('temperature_degC', '...')}"
         )
-    times = _time_columns(table, name, mapping)
-    celsius = np.stack([numbers(table, c, name) for c in names], axis=-1)
-    keep = np.flatnonzero(np.isfinite(times.seconds) & np.isfinite(celsius).any(axis=-1))
+    times = _clock(table, mapping)
+    notes = [*table.notes, *times.notes]
+    readings = []
+    for own in sensors.values():
+        values, said = celsius(table, own, mapping)
+        readings.append(values)
+        notes += said
+    read = np.stack(readings, axis=-1)
+    keep = np.flatnonzero(np.isfinite(times.seconds) & np.isfinite(read).any(axis=-1))
+    notes += _check_order(times, keep, table)
     kept = keep[np.unique(times.seconds[keep], return_index=True)[1]]
-    alive = np.isfinite(celsius[kept]).sum(axis=0) >= 2
+    alive = np.isfinite(read[kept]).sum(axis=0) >= 2
     if not alive.any():
         raise ValueError(
-            f"{name} must hold at least two readings at different times, got {len(kept)}"
+            f"{table.file} must hold at least two readings at different times, got {len(kept)}"
         )
-    seconds = FrameTimes(times.seconds[kept], times.start)
-    utc = _second_clock(table, kept) if times.start is None and "time" in table.columns else None
+    names = tuple(name for name, lives in zip(sensors, alive, strict=True) if lives)
+    utc = None if times.start is not None else _second_clock(table, mapping, kept)
     return TemperatureLog(
-        seconds, celsius[kept][:, alive], tuple(np.array(names)[alive].tolist()), utc
+        replace(times, seconds=times.seconds[kept], notes=()),
+        read[kept][:, alive],
+        names,
+        utc,
+        tuple(notes),
     )
 
 
-def _time_columns(table: pd.DataFrame, name: str, mapping: Mapping[str, str]) -> FrameTimes:
-    if "time_s" in table.columns:
-        return FrameTimes(numbers(table, "time_s", name))
-    if "time" in table.columns:
-        return times_from_utc(
-            table["time"].tolist(), f"column {mapping.get('time', 'time')!r} of {name}"
+def utc_of(table: Table, column: str) -> FrameTimes:
+    """Return a column's times, with a note if they are taken as UTC."""
+    return _frame_times(table, column, table.moments(column))
+
+
+def _clock(table: Table, mapping: Mapping[str, str]) -> FrameTimes:
+    seconds = seconds_of(table, mapping)
+    if seconds is not None:
+        return FrameTimes(seconds)
+    found = moments_of(table, mapping)
+    if found is None:
+        raise ValueError(
+            f"{table.file} must have a column time_s (seconds) or time ({_UTC_HINT}); it has "
+            f"{table.listed()}; map its own name by {table.mapped('time', '...')}"
         )
-    raise ValueError(
-        f"{name} must have a column time_s (seconds) or time ({_UTC_HINT}); it has {_listed(table)}"
+    return _frame_times(table, *found)
+
+
+def _frame_times(table: Table, name: str, moments: Moments) -> FrameTimes:
+    if moments.missing.all():
+        raise ValueError(f"column {name!r} of {table.file} must hold at least one time")
+    return FrameTimes(
+        moments.seconds,
+        moments.start,
+        moments.assumed_utc,
+        tuple(_zone_notes(table, name, moments)),
     )
 
 
-def _second_clock(table: pd.DataFrame, kept: Indices) -> FrameTimes | None:
-    """Return the UTC times of the rows kept, if the column ``time`` has them, one after the
-    other.
-    """
+def _zone_notes(table: Table, name: str, moments: Moments) -> list[str]:
+    """Say that times were taken as UTC, and what speaks against it."""
+    if not moments.assumed_utc:
+        return []
+    notes = [
+        f"{table.file}: the times of column {name!r} have no offset and are taken as UTC "
+        "(utc_offset says otherwise)."
+    ]
+    known = np.flatnonzero(~moments.missing)
+    step = np.diff(moments.seconds[known])
+    usual = float(np.median(step)) if step.size else np.inf
+    hour = np.abs(step - usual - _HOUR_S) <= 0.25 * usual
+    if 0 < usual < _HOUR_S / 2 and hour.any():
+        row = int(known[np.argmax(hour) + 1])
+        notes.append(
+            f"{table.file}: before line {table.line(row)} an hour is missing, as where local time "
+            "changes to summer time."
+        )
+    return notes
+
+
+def _check_order(times: FrameTimes, keep: Indices, table: Table) -> list[str]:
+    """Refuse times that go back more than once, or by the hour that local time has twice."""
+    step = np.diff(times.seconds[keep])
+    back = np.flatnonzero(step < 0)
+    if not back.size:
+        return []
+    line = table.line(int(keep[back[0] + 1]))
+    if times.assumed_utc and back.size == 1 and step[back[0]] >= -_HOUR_S:
+        raise ValueError(f"{table.file}, line {line}: the times go back{_HINT_AT_HOUR}")
+    if back.size == len(step) > 1:
+        return [f"{table.file}: the last reading stands first; the rows are turned round."]
+    if back.size > 1:
+        raise ValueError(
+            f"{table.file}: the times go back {back.size} times, first in line {line}: sort it, or "
+            "part what was joined"
+        )
+    return [f"{table.file}: the times go back once, in line {line}; the rows are sorted."]
+
+
+def _second_clock(table: Table, mapping: Mapping[str, str], kept: Indices) -> FrameTimes | None:
+    """Return the UTC times of the rows kept, if a column has them, one after the other."""
     try:
-        utc = times_from_utc(table["time"].iloc[kept].tolist(), "time")
+        found = moments_of(table, mapping)
     except ValueError:
         return None
-    return utc if (np.diff(utc.seconds) > 0).all() else None
-
-
-def utc_times(name: str, texts: list[str | None]) -> NDArray[np.datetime64]:
-    import pandas as pd
-
-    try:
-        stamps = pd.to_datetime(pd.Series(texts, dtype="str"), utc=True, format="ISO8601")
-    except (ValueError, TypeError) as error:
-        raise ValueError(
-            f"{name} must be {_UTC_HINT}, got: {str(error).splitlines()[0].split('. You')[0]}"
-        ) from None
-    return stamps.dt.tz_localize(None).to_numpy().astype("datetime64[ns]")
-
-
-def numbers(table: pd.DataFrame, column: str, name: str) -> Floats:
-    import pandas as pd
-
-    given = table[column]
-    values = pd.to_numeric(given, errors="coerce")
-    faulty = np.flatnonzero(values.isna() & given.notna())
-    if faulty.size:
-        first = faulty[0]
-        raise ValueError(
-            f"column {column!r} of {name} must hold numbers, got {given.iloc[first]!r} in row "
-            f"{first + 1}"
-        )
-    return values.to_numpy(dtype=np.float64)
-
-
-def read_table(path: str | Path) -> pd.DataFrame:
-    import pandas as pd
-
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"no CSV file at {path}")
-    try:
-        try:
-            table = pd.read_csv(path, skipinitialspace=True, comment="#")
-        except UnicodeDecodeError:  # the degree sign of a Windows logger
-            table = pd.read_csv(path, skipinitialspace=True, comment="#", encoding="cp1252")
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise ValueError(
-            f"{Path(path).name} must be a CSV file with a header line, got: {error}"
-        ) from None
-    if len(table.columns) == 1 and any(mark in str(table.columns[0]) for mark in ";\t"):
-        raise ValueError(
-            f"{Path(path).name} must have commas between its columns, got {str(table.columns[0])!r}"
-        )
-    if table.empty:
-        raise ValueError(f"{Path(path).name} must hold at least one row below its header")
-    return table
-
-
-def _listed(table: pd.DataFrame) -> str:
-    return ", ".join(map(str, table.columns))
+    if found is None or found[1].missing[kept].any():
+        return None
+    utc = found[1]
+    seconds = utc.seconds[kept]
+    times = FrameTimes(seconds, utc.start, utc.assumed_utc)
+    return times if (np.diff(seconds) > 0).all() else None

@@ -3,8 +3,61 @@
 from __future__ import annotations
 
 import argparse
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-__all__ = ["Commands"]
+if TYPE_CHECKING:
+    from losbench.tables.dialect import DialectOptions
+
+__all__ = ["Commands", "add_dialect", "dialect_options", "pairs"]
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001 - its only name
+
+
+def add_dialect(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how CSV files are written, where they leave it open."""
+    group = parser.add_argument_group("how the CSV files are written, where they leave it open")
+    group.add_argument("--delimiter", metavar="C", help="one character, tab or space")
+    group.add_argument("--encoding", metavar="NAME", help="e.g. gbk")
+    group.add_argument(
+        "--date-order", choices=["dmy", "mdy", "ymd"], help="how 03/04/2026 is meant"
+    )
+    group.add_argument(
+        "--utc-offset",
+        metavar="HOURS|ZONE",
+        help="of times without an offset: 1, +05:30 or Europe/Berlin; else they are taken as UTC",
+    )
+    group.add_argument(
+        "--sentinel",
+        action="append",
+        type=float,
+        default=[],
+        metavar="X",
+        help="a number that stands for no reading",
+    )
+    group.add_argument(
+        "--unit",
+        action="append",
+        default=[],
+        metavar="COLUMN=UNIT",
+        help="unit of a column whose name does not tell: degC, degF, K, s, ms ...",
+    )
+
+
+def dialect_options(options: argparse.Namespace) -> DialectOptions:
+    """Return what `add_dialect` took as the keywords of a reading function."""
+    return {
+        "delimiter": options.delimiter,
+        "encoding": options.encoding,
+        "date_order": options.date_order,
+        "utc_offset": options.utc_offset,
+        "sentinel": tuple(options.sentinel),
+        "unit": pairs(options.unit, "--unit must be COLUMN=UNIT, e.g. T1=degF"),
+    }
+
+
+def pairs(given: list[str], expected: str) -> dict[str, str]:
+    """Split NAME=VALUE at its last equals sign; ``ValueError`` says what was expected."""
+    for pair in given:
+        if "=" not in pair:
+            raise ValueError(f"{expected}, got {pair!r}")
+    return dict(pair.rsplit("=", 1) for pair in given)

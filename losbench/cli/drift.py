@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from losbench.cli.arguments import Commands
+from losbench.cli.arguments import Commands, add_dialect, dialect_options
 
 __all__ = ["add"]
 
@@ -51,6 +51,7 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         default=10.0,
         help="interpolate the drift between spots so far apart (%(default)s)",
     )
+    add_dialect(parser)
     parser.set_defaults(run=_run)
 
 
@@ -66,6 +67,7 @@ def _run(options: argparse.Namespace) -> int:
         track_gap_s=options.track_gap_s,
         max_gap_s=options.max_gap_s,
         force=options.force,
+        **dialect_options(options),
     )
     if not options.quiet:
         print(report.summary())

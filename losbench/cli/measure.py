@@ -5,15 +5,51 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from losbench.cli.arguments import Commands
+from losbench.cli.arguments import Commands, add_dialect, dialect_options, pairs
 
 __all__ = ["add"]
+
+_COLUMN = "--{}column must be STANDARD=OWN, e.g. temperature_degC=T1"
+_FILES = """\
+temperature log (--temperature), CSV; seconds on the frames' clock, or moments, or both:
+    time_s,temperature_room_degC,temperature_mirror_degC
+    0,18.00,18.41
+    60,18.02,18.44
+  Semicolons, tabs, decimal commas, °F and K, titles above, rows of units are understood:
+    Datum;Uhrzeit;Temperatur (°C)
+    01.03.2026;13:00:00;18,0
+  Times without an offset from UTC are taken as UTC, and it says so: see --utc-offset.
+  Other names: --column time=Clock --column temperature_degC=T1
+
+frame times (--times), CSV, one row a frame in order; time_s or time:
+    time
+    2026-03-01T12:00:00.0Z
+    2026-03-01T12:00:05.0Z
+
+camera (--camera), TOML:
+    focal_mm = 260.0
+    pixel_um = 10.0
+    shape = [1080, 1920]          # rows, columns
+    principal_px = [959.5, 539.5] # optional: x, y; default the middle
+    [detector]                    # optional, for the predicted errors
+    gain_e_per_dn = 4.0
+    read_noise_e = 5.0
+    offset_dn = 100.0
+    bits = 12                     # full scale 4095; default 16
+    full_well_e = 90000.0         # default none
+    prnu = 0.01                   # relative, with prnu_seed = 0; default 0
+    hot_pixels = [[812, 40, 9e3]] # x, y, electrons; default none
+"""
 
 
 def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
     """Add the command to the parser."""
     parser = commands.add_parser(
-        "measure", parents=[quiet], help="your own frames to a table of shifts and angles"
+        "measure",
+        parents=[quiet],
+        help="your own frames to a table of shifts and angles",
+        epilog=_FILES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "frames",
@@ -42,6 +78,13 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--times", type=Path, metavar="CSV", help="frame times, column time_s or time"
+    )
+    parser.add_argument(
+        "--times-column",
+        action="append",
+        default=[],
+        metavar="STANDARD=OWN",
+        help="name of a column of the frame times, e.g. time=Clock",
     )
     parser.add_argument(
         "--period-s", type=float, help="time between frames, if there is no such file"
@@ -88,12 +131,13 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         choices=["stop", "skip"],
         help="what a broken frame does (%(default)s)",
     )
+    add_dialect(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
     from losbench.imaging.detector import Detector
-    from losbench.logs import read_temperature_log
+    from losbench.logs import read_temperature_log, read_times
     from losbench.optics.camera import Camera
     from losbench.recording.measure import measure
     from losbench.recording.readers import read_recording
@@ -105,14 +149,19 @@ def _run(options: argparse.Namespace) -> int:
     folder = free_folder(options.out, force=options.force)
     camera = Camera.from_toml(options.camera) if options.camera else None
     detector = Detector.from_toml(options.camera) if options.camera else None
+    dialect = dialect_options(options)
     log = (
-        read_temperature_log(options.temperature, columns=_columns(options.column))
+        read_temperature_log(
+            options.temperature, columns=pairs(options.column, _COLUMN.format("")), **dialect
+        )
         if options.temperature
         else None
     )
+    named = pairs(options.times_column, _COLUMN.format("times-"))
+    times = read_times(options.times, None, columns=named, **dialect) if options.times else None
     recording = read_recording(
         options.frames,
-        times=options.times,
+        times=times,
         period_s=options.period_s,
         start=options.start,
         on_unreadable=options.unreadable,
@@ -139,15 +188,6 @@ def _run(options: argparse.Namespace) -> int:
     if not options.quiet:
         print("\n".join(lines))
     return 0
-
-
-def _columns(pairs: list[str]) -> dict[str, str]:
-    for pair in pairs:
-        if "=" not in pair:
-            raise ValueError(
-                f"--column must be STANDARD=OWN, e.g. temperature_degC=T1, got {pair!r}"
-            )
-    return dict(pair.split("=", 1) for pair in pairs)
 
 
 def _spots(text: str | None) -> list[list[float]] | None:

@@ -86,7 +86,7 @@ class Recording:
 def read_recording(
     path: Origin,
     *,
-    times: str | Path | None = None,
+    times: str | Path | FrameTimes | None = None,
     period_s: float | None = None,
     start: str | None = None,
     name_times: str | None = None,
@@ -109,9 +109,9 @@ def read_recording(
         rows, cols), a FITS cube, a target pixel file, or a folder of FITS images or target pixel
         files; an HDF5, SER or video file; raw frames described by a TOML file (`RawLayout`'s keys);
         an array (F, rows, cols); or what a reader of your own takes (`register_reader`).
-    times : path, optional
-        CSV with the frames' times, one row a frame: ``time_s`` (seconds) or ``time`` (ISO 8601,
-        UTC).
+    times : path or FrameTimes, optional
+        CSV with the frames' times, one row a frame: ``time_s`` (seconds) or ``time`` (a date with a
+        time); or such times as `read_times` has read them.
     period_s : float, optional
         Time between frames in seconds, if there is no such file. Times that files bring give way to
         either.

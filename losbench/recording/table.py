@@ -28,14 +28,15 @@ def temperatures(
         unmatched = "" if log is None else ", temperatures are not matched"
         return {}, [f"No frame times were given: rows are numbered{unmatched}."]
     if log is None:
-        return {}, []
+        return {}, list(recording.times.notes)
+    notes = [*recording.times.notes, *log.notes]
     celsius = log.at(recording.times)
     without = int(np.isnan(celsius[:, 0]).sum())
     said = [
         f"{without} of {recording.n_frames} frames lie outside the temperature log or in a gap of "
         "it."
     ]
-    return dict(zip(log.names, celsius.T, strict=True)), said if without else []
+    return dict(zip(log.names, celsius.T, strict=True)), [*notes, *said[: without > 0]]
 
 
 def measurement_table(
@@ -56,7 +57,7 @@ def measurement_table(
     if recording.times is not None:
         columns["time_s"] = recording.times.seconds
         if recording.times.start is not None:
-            columns["time"] = [_iso(recording.times.start, s) for s in recording.times.seconds]
+            columns["time"] = [_iso(moment) for moment in recording.times.utc]
     columns |= celsius
     for n in range(xy.shape[1]):
         for i, axis in enumerate("xy"):
@@ -75,7 +76,7 @@ def measurement_table(
     return pd.DataFrame(columns)
 
 
-def _iso(start: np.datetime64, seconds: float) -> str:
-    if np.isnan(seconds):
+def _iso(moment: np.datetime64) -> str:
+    if np.isnat(moment):
         return ""
-    return str((start + np.timedelta64(round(seconds * 1e3), "ms")).astype("datetime64[ms]")) + "Z"
+    return str((moment + np.timedelta64(500, "us")).astype("datetime64[ms]")) + "Z"

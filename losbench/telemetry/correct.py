@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from losbench.arrays import Floats, Ints
 from losbench.checks import integer
 from losbench.pointing.starcamera import CorrectedPair, correct_pair, split_tracks
 from losbench.resources import free_folder, write_whole
+from losbench.tables.dialect import Dialect, DialectOptions
+from losbench.tables.moments import utc_after
 from losbench.telemetry.columns import TelemetryFormat
 from losbench.telemetry.notes import change_notes, clock_notes, head_notes, slow_notes
 from losbench.telemetry.read import Telemetry, read_telemetry
@@ -98,6 +100,7 @@ def correct_telemetry(
     track_gap_s: float = 60.0,
     max_gap_s: float = 10.0,
     force: bool = False,
+    **options: Unpack[DialectOptions],
 ) -> PairReport:
     """Correct a pair's telemetry for its drift and write what came of it to a folder.
 
@@ -123,6 +126,8 @@ def correct_telemetry(
         Drifts are interpolated between spots that were seen no farther apart than this.
     force : bool
         Write into a folder that is not empty.
+    **options
+        How the CSV file is written, where it leaves it open: as for `read_temperature_log`.
 
     Returns
     -------
@@ -148,7 +153,7 @@ def correct_telemetry(
             f"no description of the columns at {described}: write one, or name it with --columns"
         )
     form = TelemetryFormat.from_toml(described)
-    read = read_telemetry(source, form)
+    read = read_telemetry(source, form, dialect=Dialect(**options))
     sigma = None if form.spot_sigma_um is None else form.spot_sigma_um * 1e-3
     track = split_tracks(read.pair.time_s, gap_s=track_gap_s)
     _check_steps(read.pair.time_s, track, source.name, track_gap_s)
@@ -206,7 +211,7 @@ def _angle_table(
 
 
 def _utc(start: np.datetime64, time_s: Floats) -> NDArray[np.str_]:
-    moments = start + np.rint(1e6 * time_s).astype("timedelta64[us]")
+    moments = utc_after(start, np.rint(1e6 * time_s) * 1e-6) + np.timedelta64(500, "ns")
     return np.char.add(moments.astype("datetime64[us]").astype(str), "Z")
 
 

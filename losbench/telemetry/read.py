@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from losbench.arrays import Floats, Ints
-from losbench.logs import FrameTimes, numbers, read_table, times_from_utc
+from losbench.logs import FrameTimes, utc_of
 from losbench.pointing.starcamera import (
     PairTelemetry,
     QuaternionConvention,
@@ -18,11 +18,9 @@ from losbench.pointing.starcamera import (
     interpolate_attitude,
     split_tracks,
 )
+from losbench.tables import Dialect, Table, read_table
 from losbench.telemetry.columns import TelemetryFormat
 from losbench.units import ARCSEC_PER_RAD
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = ["Telemetry", "read_telemetry"]
 
@@ -44,7 +42,9 @@ class Telemetry:
     notes: tuple[str, ...]
 
 
-def read_telemetry(path: str | Path, form: TelemetryFormat) -> Telemetry:
+def read_telemetry(
+    path: str | Path, form: TelemetryFormat, *, dialect: Dialect | None = None
+) -> Telemetry:
     """Read and check a pair's telemetry.
 
     Parameters
@@ -53,6 +53,8 @@ def read_telemetry(path: str | Path, form: TelemetryFormat) -> Telemetry:
         CSV file.
     form : TelemetryFormat
         What its columns mean.
+    dialect : Dialect, optional
+        What of the file cannot be found out.
 
     Returns
     -------
@@ -72,20 +74,17 @@ def read_telemetry(path: str | Path, form: TelemetryFormat) -> Telemetry:
     UserWarning
         If the quaternions have so few decimals that rounding shows, with what it costs in arcsec.
     """
-    table, name = read_table(path), Path(path).name
-    missing = [column for column in form.columns if column not in table.columns]
+    table, name = read_table(path, dialect), Path(path).name
+    missing = [column for column in form.columns if column not in table.names]
     if missing:
-        raise ValueError(
-            f"{name} has no column {', '.join(missing)}; it has "
-            f"{', '.join(map(str, table.columns))}"
-        )
-    clocks = [_clock(table, column, name) for column in form.clocks]
+        raise ValueError(f"{name} has no column {', '.join(missing)}; it has {table.listed()}")
+    clocks = [_clock(table, column) for column in form.clocks]
     if len({clock.start is None for clock in clocks}) > 1:
         raise ValueError(
             f"{name}: columns {' and '.join(form.clocks)} must both hold seconds, or both UTC"
         )
     times = [clock.seconds_since(clocks[0], "the second head") for clock in clocks]
-    notes: list[str] = []
+    notes = [*table.notes, *(note for clock in clocks for note in clock.notes)]
     first, second = (
         _head(table, form, k, times[min(k, len(times) - 1)], name, notes) for k in range(2)
     )
@@ -132,15 +131,15 @@ class _Head:
 
 
 def _head(
-    table: pd.DataFrame, form: TelemetryFormat, k: int, time_s: Floats, file: str, notes: list[str]
+    table: Table, form: TelemetryFormat, k: int, time_s: Floats, file: str, notes: list[str]
 ) -> _Head:
     """Read and check head ``k``, leaving out the rows without its time; what is noticed goes to
     ``notes``.
     """
     columns, clock = (form.head_1, form.head_2)[k], form.clocks[min(k, len(form.clocks) - 1)]
-    quaternions = _columns(table, columns.quaternion, file)
+    quaternions = _columns(table, columns.quaternion)
     quaternions = np.where(np.isfinite(quaternions).all(axis=1, keepdims=True), quaternions, np.nan)
-    spots = _columns(table, [c for xy in columns.spots for c in xy], file)
+    spots = _columns(table, [c for xy in columns.spots for c in xy])
     timed = np.isfinite(time_s)
     lost = np.count_nonzero(
         ~timed & np.isfinite(np.concatenate([quaternions, spots], axis=1)).any(axis=1)
@@ -198,14 +197,14 @@ def _near(
     return kept, np.array(given) if given else np.nanmean(kept[first_track], axis=0)
 
 
-def _clock(table: pd.DataFrame, column: str, name: str) -> FrameTimes:
-    if table[column].dtype.kind in "iuf":
-        return FrameTimes(numbers(table, column, name))
-    return times_from_utc(table[column].tolist(), f"column {column!r} of {name}")
+def _clock(table: Table, column: str) -> FrameTimes:
+    return (
+        FrameTimes(table.numbers(column)) if table.holds(column) == "n" else utc_of(table, column)
+    )
 
 
-def _columns(table: pd.DataFrame, names: list[str] | tuple[str, ...], file: str) -> Floats:
-    return np.stack([numbers(table, column, file) for column in names], axis=-1)
+def _columns(table: Table, names: Sequence[str]) -> Floats:
+    return np.stack([table.numbers(column) for column in names], axis=-1)
 
 
 def _check_head(quaternions: Floats, spots: Floats, what: str, rows: Ints) -> None:

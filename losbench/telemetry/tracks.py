@@ -9,6 +9,7 @@ import numpy as np
 from losbench.arrays import Floats
 from losbench.estimation.memory import variance_sampling
 from losbench.estimation.stability import mark_gaps, split_error
+from losbench.tables.moments import utc_after
 from losbench.telemetry.read import Telemetry
 
 if TYPE_CHECKING:
@@ -131,5 +132,5 @@ def _said(value: float, form: str = "+.3f", unit: str = "") -> str:
 def _instant(start: np.datetime64 | None, seconds: float) -> str:
     if start is None:
         return f"{seconds:.10g} s"
-    moment = start + np.timedelta64(round(1e9 * seconds), "ns")
+    moment = utc_after(start, np.array([seconds]))[0]
     return f"{moment.astype('datetime64[ms]')}Z"
