@@ -211,7 +211,7 @@ def _stamp(frames: Frames, n_stamps: int) -> Stamp:
 
 def _clock(
     frames: Frames,
-    times: str | Path | None,
+    times: str | Path | FrameTimes | None,
     period_s: float | None,
     start: str | None,
     name_times: str | None,
