@@ -37,10 +37,15 @@ from .estimation.stability import lsfe as lsfe
 from .estimation.stability import nea as nea
 from .estimation.stability import sliding_mean as sliding_mean
 from .estimation.stability import split_error as split_error
+from .imaging.background import Level as Level
+from .imaging.background import Ring as Ring
 from .imaging.centroid import centroid as centroid
 from .imaging.centroid import window_path as window_path
 from .imaging.detector import Detector as Detector
+from .imaging.eiwa import EIWA as EIWA
 from .imaging.finder import find_spots as find_spots
+from .imaging.gaussian import Gaussian as Gaussian
+from .imaging.grey import Grey as Grey
 from .imaging.results import Centroids as Centroids
 from .imaging.results import SpotFlag as SpotFlag
 from .imaging.smeared.aided import aided_centroid as aided_centroid
@@ -48,6 +53,7 @@ from .imaging.smeared.bound import streak_bound as streak_bound
 from .imaging.smeared.result import AidedCentroids as AidedCentroids
 from .imaging.spots import render_spots as render_spots
 from .imaging.spots import render_streaks as render_streaks
+from .imaging.weighted import Weighted as Weighted
 from .logs import FrameTimes as FrameTimes
 from .logs import TemperatureLog as TemperatureLog
 from .logs import read_temperature_log as read_temperature_log

@@ -24,6 +24,7 @@ __all__ = [
     "named_twice",
     "non_negative",
     "number",
+    "odd",
     "positive",
     "shaped",
 ]
@@ -101,6 +102,14 @@ def integer(name: str, value: object, *, low: int | None = None, high: int | Non
     if not limits[0] <= value <= limits[1]:
         raise ValueError(f"{name} must be a whole number{_range(*limits)}, got {int(value)}")
     return int(value)
+
+
+def odd(name: str, value: object, *, low: int = 1) -> int:
+    """Return ``value`` as an odd int of at least ``low``."""
+    side = integer(name, value, low=low)
+    if side % 2 == 0:
+        raise ValueError(f"{name} must be odd, got {side}")
+    return side
 
 
 def boolean(name: str, value: object) -> bool:

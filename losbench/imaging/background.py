@@ -1,16 +1,17 @@
-"""What lies under a spot: a plane through the ring around its window, and pixels that are hot."""
+"""What lies under a spot: a plane through the ring around its window, a known level, or nothing."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
 from losbench.arrays import Bools, Floats, Pixels
+from losbench.checks import choice, number, odd
 
-__all__ = ["RING", "PixelNoise", "RingPlane", "fit_ring", "gate_hot_pixels"]
+__all__ = ["RING", "Background", "Level", "Plane", "Ring", "as_background"]
 
 
 RING = 4  # pixels, the ring's breadth
@@ -19,7 +20,7 @@ _KEPT_VARIANCE = 0.9733  # of a Gaussian cut at three sigma
 
 
 @dataclass(frozen=True)
-class RingPlane:
+class Plane:
     """Background of M spots, level + slope . (x, y) with (x, y) counted from the middle of the
     stamp.
 
@@ -54,32 +55,148 @@ class RingPlane:
         down = (self.level[:, None] + self.slope[:, 1:] * offset).astype(dtype)
         return down[:, :, None] + across[:, None, :]
 
+    def at(self, xy: Floats) -> Floats:
+        """Background (M,) at the places (M, 2)."""
+        # Where nothing is known of the place, a plane without slope still has its level.
+        return self.level + np.where(self.slope == 0.0, 0.0, self.slope * xy).sum(axis=1)
+
+
+@runtime_checkable
+class Background(Protocol):
+    """What is taken off a spot: a frozen dataclass with one method.
+
+    Attributes
+    ----------
+    side : int or None, pixels
+        Side of the square that the ring surrounds; None: the window.
+    tilts : bool
+        Whether the background changes where the window is cut anew.
+    """
+
+    tilts: ClassVar[bool]
+
+    @property
+    def side(self) -> int | None: ...  # noqa: D102
+
+    def under(self, stamps: Pixels, side: int) -> Plane:
+        """Background of M stamps (M, S, S) with a ring around ``side`` pixels, S = side + 8."""
+        ...
+
 
 @dataclass(frozen=True)
-class PixelNoise:
-    """Variance of the pixels of M windows, ``floor + per_dn * signal``, and of the background plane
-    taken off them.
+class Ring:
+    """Take a plane through a ring of four pixels off every spot.
 
     Parameters
     ----------
-    floor : (M,) array, DN squared
-    per_dn : float, DN
-        Inverse of the gain; 0 if it is not known.
-    plane : (M, 3) array
-        Variances of the plane's level, DN squared, and of its slopes along x and y, DN squared per
-        pixel squared.
+    side : odd int, pixels, optional
+        Side of the square that the ring surrounds, by default the window. With a window below six
+        sigma the spot's own light would tilt the plane: give six sigma here.
+
+    Raises
+    ------
+    ValueError
+        If the side is even.
+
+    Notes
+    -----
+    An untreated slope g moves a centroid by g N^4 / (12 (F - N S_edge)), with the window's side N,
+    its light F and the light S_edge of a column at its edge.
+
+    Examples
+    --------
+    >>> import losbench as lb
+    >>> ramp = 3.0 * np.arange(70)
+    >>> image = lb.render_spots([[30.3, 20.8]], 1e4, 2.0, (40, 70)) + ramp
+    >>> lb.centroid(image, [[30, 21]], background=lb.Ring(19)).xy.round(2).tolist()
+    [[30.3, 20.8]]
     """
 
-    floor: Floats
-    per_dn: float
-    plane: Floats
+    side: int | None = None
+    tilts: ClassVar[bool] = True
 
-    def of(self, some: NDArray[Any] | slice) -> PixelNoise:
-        """Return that of some of the windows."""
-        return PixelNoise(self.floor[some], self.per_dn, self.plane[some])
+    def __post_init__(self) -> None:
+        if self.side is not None:
+            odd("ring", self.side, low=3)
+
+    def under(self, stamps: Pixels, side: int) -> Plane:
+        """Plane through the ring of each stamp."""
+        return fit_ring(stamps, side)
 
 
-def fit_ring(stamps: Pixels, side: int) -> RingPlane:
+@dataclass(frozen=True)
+class Level:
+    """Take a known level off every pixel; the ring around the window then only tells the noise.
+
+    Parameters
+    ----------
+    dn : float, DN
+
+    Raises
+    ------
+    ValueError
+        If it is not a finite number.
+
+    Examples
+    --------
+    >>> import losbench as lb
+    >>> image = lb.render_spots([[30.3, 20.8]], 1e4, 2.0, (40, 70)) + 50.0
+    >>> lb.centroid(image, [[30, 21]], background=lb.Level(50.0)).background.tolist()
+    [50.0]
+    """
+
+    dn: float
+    side: ClassVar[int | None] = None
+    tilts: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        number("background", self.dn)
+
+    def under(self, stamps: Pixels, side: int) -> Plane:
+        """Return that level, flat and free of error, with the scatter of the ring."""
+        ring = fit_ring(stamps, side)
+        nothing = np.zeros_like(ring.level)
+        return replace(
+            ring,
+            level=np.full_like(ring.level, self.dn),
+            slope=np.zeros_like(ring.slope),
+            level_variance=nothing,
+            slope_variance=np.zeros_like(ring.slope),
+            excess=nothing,
+        )
+
+
+_NAMED: dict[str, Background] = {"ring": Ring(), "none": Level(0.0)}
+
+
+def as_background(
+    background: Background | str | float | None, ring: int | None = None
+) -> Background:
+    """Return the object that a name, a number or None stands for; ``ring`` is the side for "ring".
+
+    Raises
+    ------
+    ValueError
+        If there is none, or a side is given beside another background.
+    """
+    found: Background
+    if isinstance(background, Background):
+        found = background
+    elif background is None or isinstance(background, str):
+        found = _NAMED[choice("background", background or "none", _NAMED)]
+    else:
+        found = Level(number("background", background))
+    if ring is None:
+        return found
+    if background != "ring":
+        raise ValueError(
+            f"ring and background exclude each other: got ring={ring!r} beside "
+            f"background={background!r}; give background=Ring({ring!r})"
+        )
+    return Ring(ring)
+
+
+def fit_ring(stamps: Pixels, side: int) -> Plane:
     """Fit a plane to the ring of four pixels around the middle ``side`` pixels, in two clipped
     passes.
 
@@ -91,7 +208,7 @@ def fit_ring(stamps: Pixels, side: int) -> RingPlane:
 
     Returns
     -------
-    RingPlane
+    Plane
 
     Notes
     -----
@@ -123,7 +240,7 @@ def fit_ring(stamps: Pixels, side: int) -> RingPlane:
     edge = distance[row, column]
     inner, outer = edge == side // 2 + 1, edge == side // 2 + RING
     share = (inner / inner.sum() - outer / outer.sum()).astype(values.dtype)
-    return RingPlane(
+    return Plane(
         level=middle + fit.plane[:, 0],
         slope=fit.plane[:, 1:] / reach,
         scatter=fit.scatter,
@@ -132,34 +249,6 @@ def fit_ring(stamps: Pixels, side: int) -> RingPlane:
         excess=(values @ share).astype(np.float64),
         excess_error=fit.scatter * float(np.sqrt((share**2).sum())),
     )
-
-
-def gate_hot_pixels(signal: Pixels, scatter: Floats) -> Pixels:
-    """Replace each pixel that stands out of its 3 x 3 neighbourhood by the neighbourhood's median.
-
-    Parameters
-    ----------
-    signal : (M, S, S) array, DN
-        Stamps without background; their outermost pixels are left as they are.
-    scatter : (M,) array, DN
-        Noise of the background.
-
-    Returns
-    -------
-    (M, S, S) array, DN
-
-    Notes
-    -----
-    A pixel stands out if it exceeds twice the median by five sigma. The peak of a spot does not, if
-    its sigma is at least 0.9 pixels; sharper spots must not be gated.
-    """
-    import cv2
-
-    tall = np.ascontiguousarray(signal.reshape(-1, signal.shape[2]), dtype=np.float32)
-    median = cv2.medianBlur(tall, 3).reshape(signal.shape).astype(signal.dtype)
-    hot = signal > 2.0 * np.maximum(median, 0.0) + 5.0 * scatter[:, None, None]
-    hot[:, [0, -1]] = hot[:, :, [0, -1]] = False
-    return np.where(hot, median, signal)
 
 
 def _median_and_scatter(values: Pixels) -> tuple[Pixels, Pixels]:

@@ -4,36 +4,140 @@ every frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntFlag
-from typing import TYPE_CHECKING
+from textwrap import indent, wrap
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from losbench.arrays import Floats, Ints
+from losbench.display import html_table, with_error
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Centroids", "SpotFlag", "all_missing", "only_frame"]
+__all__ = ["Centroids", "Measured", "SpotFlag", "flag_counts", "flag_names"]
 
 
 class SpotFlag(IntFlag):
-    """What may be wrong with a centroid; the docstring of `centroid` says what each bit means.
+    """What may be wrong with a centroid; 0 is a spot without reproach.
+
+    Each bit has its ``sentence``, and ``keeps_xy`` says whether there still is a centroid.
 
     >>> SpotFlag(10)
     <SpotFlag.EDGE|NEIGHBOUR: 10>
+    >>> SpotFlag.TOO_FAINT.sentence, SpotFlag.TOO_FAINT.keeps_xy
+    ('The flux is below five times its error.', False)
     """
 
-    NOT_CONVERGED = 1
-    EDGE = 2
-    SATURATED = 4
-    NEIGHBOUR = 8
-    TOO_FAINT = 16
-    SLOW = 32
-    MISSING = 64
-    MISFIT = 128
-    RING = 256
+    sentence: str
+    keeps_xy: bool
+
+    def __new__(cls, bit: int, sentence: str = "", keeps_xy: bool = True) -> Self:
+        """Make a bit with its sentence."""
+        flag = int.__new__(cls, bit)
+        flag._value_, flag.sentence, flag.keeps_xy = bit, sentence, keeps_xy
+        return flag
+
+    NOT_CONVERGED = (
+        1,
+        "``max_iter`` was reached, or the window ended more than half its side from the start.",
+    )
+    EDGE = (
+        2,
+        "The window, or the ring, reaches beyond the frame; no centroid if the window does.",
+    )
+    SATURATED = (
+        4,
+        "A pixel at full scale, or more pixels share the maximum than the top of a spot would.",
+    )
+    NEIGHBOUR = 8, "Another start lies within six sigma, that is one window."
+    TOO_FAINT = 16, "The flux is below five times its error.", False
+    SLOW = (
+        32,
+        "Contraction above 0.85: the centroid follows its window, and hardly the spot.",
+    )
+    MISSING = 64, "No start within the frame, or a pixel of the window was not read.", False
+    MISFIT = (
+        128,
+        "Template and window, or their middles, differ by a tenth in light: wrong width or shape.",
+    )
+    RING = (
+        256,
+        "The spot's own light lies in the ring and tilts the plane: give a larger ring.",
+    )
+
+    @classmethod
+    def table(cls) -> str:
+        """Return name, bit and sentence of every flag, a line or two each."""
+        rows = []
+        for flag in cls:
+            end = "" if flag.keeps_xy else " There is no centroid then."
+            text = "\n".join(wrap(f"{flag.sentence}{end}", 78))
+            rows.append(f"{flag.name} = {flag.value}\n{indent(text, '    ')}")
+        return "\n".join(rows)
+
+
+SpotFlag.__doc__ = f"{SpotFlag.__doc__}\n{indent(SpotFlag.table(), '    ')}\n    "
+
+
+def flag_names(bits: int) -> str:
+    """Names of the flags in a bit field, with bars between them.
+
+    >>> flag_names(10), flag_names(0)
+    ('EDGE|NEIGHBOUR', '')
+    """
+    return SpotFlag(bits).name or ""
+
+
+def flag_counts(flags: Ints) -> str:
+    """How many of many bit fields carry each flag, by name; empty where none does.
+
+    >>> flag_counts(np.array([0, 2, 10]))
+    'flags of 3 centroids: EDGE 2, NEIGHBOUR 1'
+    """
+    counts = ((flag.name, int(np.count_nonzero(flags & flag))) for flag in SpotFlag)
+    said = ", ".join(f"{name} {count}" for name, count in counts if count)
+    return f"flags of {flags.size} centroids: {said}" if said else ""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Spots that were measured: xy and sigma_xy (..., 2) in frame pixels, the others (...)."""
+
+    xy: Floats
+    sigma_xy: Floats
+    flux: Floats
+    background: Floats
+    n_iter: Ints
+    flags: Ints
+
+    @classmethod
+    def nothing(cls, shape: tuple[int, ...]) -> Self:
+        """Return results of which none has been measured yet."""
+        places, values = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
+        n_iter = np.zeros(shape, dtype=np.int64)
+        flags = np.full(shape, int(SpotFlag.MISSING), dtype=np.int64)
+        return cls(places, places.copy(), values, values.copy(), n_iter, flags)
+
+    def put(self, where: NDArray[Any] | tuple[NDArray[Any], ...], part: Measured) -> None:
+        """Replace what is ``where`` by a part."""
+        self.xy[where], self.sigma_xy[where] = part.xy, part.sigma_xy
+        self.flux[where], self.background[where] = part.flux, part.background
+        self.n_iter[where], self.flags[where] = part.n_iter, part.flags
+
+    def only_frame(self) -> Measured:
+        """Leave the frame axis out."""
+        return Measured(
+            self.xy[0],
+            self.sigma_xy[0],
+            self.flux[0],
+            self.background[0],
+            self.n_iter[0],
+            self.flags[0],
+        )
 
 
 @dataclass(frozen=True)
@@ -77,10 +181,7 @@ class Centroids:
         shape = self.flux.shape if self.flux.ndim == 2 else (1, *self.flux.shape)
         frame, spot = np.indices(shape)
         xy, sigma = self.xy.reshape(-1, 2), self.sigma_xy.reshape(-1, 2)
-        words = {
-            bits: "|".join(flag.name or "" for flag in SpotFlag(bits))
-            for bits in np.unique(self.flags).tolist()
-        }
+        words = {bits: flag_names(bits) for bits in np.unique(self.flags).tolist()}
         columns = {
             "frame": frame.ravel(),
             "spot": spot.ravel(),
@@ -95,20 +196,25 @@ class Centroids:
         }
         return pd.DataFrame(columns)
 
-
-def all_missing(shape: tuple[int, ...], window: int, width_px: Floats | None) -> Centroids:
-    """Results of which none has been measured yet."""
-
-    def nothing(*axes: int) -> Floats:
-        return np.full(axes, np.nan)
-
-    flags = np.full(shape, int(SpotFlag.MISSING), dtype=np.int64)
-    n_iter = np.zeros(shape, dtype=np.int64)
-    places = nothing(*shape, 2), nothing(*shape, 2)
-    return Centroids(*places, nothing(*shape), nothing(*shape), n_iter, flags, window, width_px)
-
-
-def only_frame(result: Centroids) -> Centroids:
-    """Leave the frame axis out."""
-    names = ("xy", "sigma_xy", "flux", "background", "n_iter", "flags")
-    return replace(result, **{name: getattr(result, name)[0] for name in names})
+    def _repr_html_(self) -> str:
+        """Return the first spots of the first frame, and how many of all carry which flag."""
+        frames, count = np.atleast_2d(self.flux).shape
+        xy, sigma = self.xy.reshape(-1, 2), self.sigma_xy.reshape(-1, 2)
+        rows = (
+            [
+                spot,
+                with_error(xy[spot, 0], sigma[spot, 0]),
+                with_error(xy[spot, 1], sigma[spot, 1]),
+                f"{self.flux.ravel()[spot]:.4g}",
+                flag_names(int(self.flags.ravel()[spot])),
+            ]
+            for spot in range(count)
+        )
+        which = "" if frames == 1 else "; frame 0"
+        return html_table(
+            f"{count} spots in {frames} frames, window {self.window} px{which}",
+            ["spot", "x (px)", "y (px)", "flux (DN)", "flags"],
+            rows,
+            count=count,
+            note=flag_counts(self.flags),
+        )

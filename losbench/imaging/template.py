@@ -16,42 +16,36 @@ Positions are counted from the middle of each stamp, x first.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
-from losbench.arrays import Bools, Floats, Ints, Pixels
-from losbench.imaging.background import PixelNoise
+from losbench.arrays import Bools, Floats, Pixels
+from losbench.checks import finite
+from losbench.imaging.noise import PixelNoise
 
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
+__all__ = [
+    "FittedWidths",
+    "Width",
+    "as_width",
+    "fitted_widths",
+    "misfits",
+    "plane_basis",
+    "template_columns",
+    "template_step",
+    "weighted_fit",
+]
 
-__all__ = ["FittedWidths", "TemplateFit", "fitted_widths", "gaussian", "weighted"]
 
+Width: TypeAlias = float | tuple[float, float] | tuple[tuple[float, float], ...]
 
 _LONGEST_STEP = 1.0  # pixels
 _NARROWEST = 0.3  # pixels of sigma
 _MISFIT = 0.1  # of the light of a window
 _SURE = 5.0  # sigma
 _SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
-
-
-@dataclass(frozen=True)
-class TemplateFit:
-    """Fits of M spots.
-
-    Centroid and its error (M, 2); flux and its error, evaluations, converged or not, and whether
-    the template does not fit, each (M,).
-    """
-
-    centroid: Floats
-    sigma: Floats
-    flux: Floats
-    sigma_flux: Floats
-    n_iter: Ints
-    converged: Bools
-    misfit: Bools
 
 
 @dataclass(frozen=True)
@@ -62,124 +56,26 @@ class FittedWidths:
     significance: Floats
 
 
-def weighted(
-    pixels: Pixels,
-    start: Floats,
-    width: Floats,
-    noise: PixelNoise,
-    *,
-    tolerance: float,
-    max_iter: int,
-) -> TemplateFit:
-    """Fit flux and place of a Gaussian of known width to M stamps, each pixel weighted by its
-    inverse variance.
+def as_width(width: ArrayLike | None) -> Width | None:
+    """Return the sigma of a template as a number, a pair, or a pair for each spot; None stays.
 
-    Parameters
-    ----------
-    pixels : (M, S, S) array, DN
-        Stamps without background.
-    start : (M, 2) array, pixels
-    width : (M, 2) array, pixels
-        Sigma along x and y.
-    noise : PixelNoise
-    tolerance : float, pixels
-        A fit is done when a step is shorter.
-    max_iter : int
-
-    Returns
-    -------
-    TemplateFit
-        With the information error. A fit that leaves the middle pixel by more than a pixel stops
-        there, not converged.
+    Raises
+    ------
+    ValueError
+        If it is none of these, or below 0.1 pixels.
     """
-    count = len(pixels)
-    centre, flux = start.copy(), pixels.sum(axis=(1, 2), dtype=np.float64)
-    n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-    variance = np.full((count, 3), np.nan)
-    moving = np.arange(count)
-    for _ in range(max_iter):
-        some = slice(None) if moving.size == count else moving
-        columns = _columns(pixels, centre[some], width[some])
-        solved = _weighted_fit(columns, pixels[some], flux[some], noise.of(some))
-        step = _step(solved.values)
-        centre[some] += step
-        flux[some], variance[some] = solved.values[:, 0], solved.variance
-        n_iter[some] += 1
-        converged[some] = done = np.hypot(step[:, 0], step[:, 1]) < tolerance
-        within = (np.abs(centre[some]) <= 1.0).all(axis=1)
-        moving = moving[~done & within]
-        if not moving.size:
-            break
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sigma = np.sqrt(variance[:, 1:]) / np.where(flux > 0, flux, np.nan)[:, None]
-    misfit = _misfits(pixels, centre, flux, width, noise)
-    return TemplateFit(
-        centre, sigma, flux, np.sqrt(variance[:, 0]), n_iter, converged & (flux > 0), misfit
-    )
-
-
-def gaussian(
-    pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, max_iter: int
-) -> TemplateFit:
-    """Fit flux, place and both widths of a Gaussian to M stamps by unweighted least squares, one
-    after the other.
-
-    Parameters
-    ----------
-    pixels, start, noise
-        As in `weighted`.
-    width : (M, 2) array, pixels
-        Where both widths begin.
-    max_iter : int
-
-    Returns
-    -------
-    TemplateFit
-        With the sandwich error: what pixels of this variance do to a fit that weights them alike.
-    """
-    count = len(pixels)
-    values, variance = np.full((count, 5), np.nan), np.full((count, 3), np.nan)
-    n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-    for k in range(count):
-        data = pixels[k].astype(np.float64)
-        unit = float(np.abs(data).max())
-        if not 0.0 < unit < np.inf or not np.isfinite(noise.floor[k]):
-            continue
-        # The fit's own tolerances are absolute.
-        fit = _least_squares(data / unit, start[k], width[k], max_iter)
-        pull = np.linalg.pinv(np.asarray(fit.jac))
-        model = fit.fun + data.ravel() / unit
-        of_pixels = noise.floor[k] / unit**2 + noise.per_dn / unit * np.maximum(model, 0.0)
-        spread = pull**2 @ of_pixels + (pull @ _plane_basis(len(data)).T) ** 2 @ (
-            noise.plane[k] / unit**2
+    if width is None:
+        return None
+    given = finite("width (sigma of a spot)", width)
+    fits = given.shape in ((), (2,)) or (given.ndim == 2 and given.shape[1] == 2)
+    if not fits or not (given >= 0.1).all():
+        raise ValueError(
+            "width (sigma of a spot) must be a number, two, or two for each spot, of at least 0.1 "
+            f"pixels, got {width!r}"
         )
-        values[k], variance[k], n_iter[k] = fit.x, spread[:3], fit.nfev
-        values[k, 0], variance[k, 0] = unit * fit.x[0], unit**2 * spread[0]
-        converged[k] = fit.success and fit.x[0] > 0
-    sigma = np.sqrt(variance)
-    flux, centre = values[:, 0], values[:, 1:3]
-    misfit = _misfits(pixels, centre, flux, np.exp(values[:, 3:]), noise)
-    return TemplateFit(centre, sigma[:, 1:], flux, sigma[:, 0], n_iter, converged, misfit)
-
-
-def _least_squares(data: Floats, start: Floats, width: Floats, max_iter: int) -> OptimizeResult:
-    """Fit flux, x, y and the logarithms of both widths to one stamp."""
-    from scipy.optimize import least_squares
-
-    def columns(p: Floats) -> Floats:
-        """Derivatives of the model, the first of which is the template itself."""
-        p = np.concatenate([p[:3], np.clip(p[3:], *np.log([0.05, 2.0 * len(data)]))])
-        template: Floats = _columns(data[None], p[None, 1:3], np.exp(p[3:]), widths=True)[0]
-        return (template.T * np.array([1.0, *[p[0]] * 4])).T
-
-    def misfit(p: Floats) -> Floats:
-        return p[0] * columns(p)[0] - data.ravel()
-
-    def slopes(p: Floats) -> Floats:
-        return columns(p).T
-
-    first = np.array([max(float(data.sum()), 1e-3), *start, *np.log(width)])
-    return least_squares(misfit, first, jac=slopes, x_scale="jac", max_nfev=max_iter)
+    if given.ndim == 2:
+        return tuple((x, y) for x, y in given.tolist())
+    return float(given) if given.ndim == 0 else (float(given[0]), float(given[1]))
 
 
 def fitted_widths(
@@ -192,10 +88,10 @@ def fitted_widths(
     centre, flux = np.clip(start, -reach, reach), pixels.sum(axis=(1, 2), dtype=np.float64)
     each = np.broadcast_to(width, centre.shape).copy()
     for _ in range(steps):
-        columns = _columns(pixels, centre, each, widths=True)
-        solved = _weighted_fit(columns, pixels, flux, noise)
+        columns = template_columns(pixels, centre, each, widths=True)
+        solved = weighted_fit(columns, pixels, flux, noise)
         flux = solved.values[:, 0]
-        centre = np.clip(centre + _step(solved.values[:, :3]), -reach, reach)
+        centre = np.clip(centre + template_step(solved.values[:, :3]), -reach, reach)
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.nan_to_num(solved.values[:, 3:] / flux[:, None])
         each = np.clip(each + np.clip(change, -0.3, 0.3) * each, _NARROWEST, pixels.shape[1])
@@ -204,7 +100,7 @@ def fitted_widths(
     return FittedWidths(each, np.clip(significance, 0.0, None))
 
 
-def _misfits(
+def misfits(
     pixels: Pixels, centre: Floats, flux: Floats, width: Floats, noise: PixelNoise
 ) -> Bools:
     """Whether a template's light is not that of its window, or of the window's middle, half as
@@ -239,7 +135,7 @@ class _Solved:
     variance: Floats
 
 
-def _weighted_fit(columns: Pixels, pixels: Pixels, flux: Floats, noise: PixelNoise) -> _Solved:
+def weighted_fit(columns: Pixels, pixels: Pixels, flux: Floats, noise: PixelNoise) -> _Solved:
     """Least squares of pixels on columns (M, p, S * S), the first of which is g, weighted by the
     inverse variance.
     """
@@ -252,7 +148,7 @@ def _weighted_fit(columns: Pixels, pixels: Pixels, flux: Floats, noise: PixelNoi
     normal = (pulled @ columns.swapaxes(1, 2)).astype(np.float64)
     inverse = np.linalg.inv(normal + 1e-12 * np.eye(normal.shape[-1]))
     values = (inverse @ (pulled @ pixels.reshape(len(pixels), -1, 1)))[:, :, 0]
-    basis = _plane_basis(pixels.shape[1]).T.astype(columns.dtype)
+    basis = plane_basis(pixels.shape[1]).T.astype(columns.dtype)
     of_plane = inverse[:, :3] @ (pulled.reshape(-1, len(basis)) @ basis).reshape(
         *pulled.shape[:2], 3
     )
@@ -260,7 +156,7 @@ def _weighted_fit(columns: Pixels, pixels: Pixels, flux: Floats, noise: PixelNoi
     return _Solved(values, errors + np.einsum("mij,mj->mi", of_plane**2, noise.plane))
 
 
-def _step(values: Floats) -> Floats:
+def template_step(values: Floats) -> Floats:
     """Step of the centre from the coefficients of g and its slopes; none where there is no
     light.
     """
@@ -269,7 +165,9 @@ def _step(values: Floats) -> Floats:
     return np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
 
 
-def _columns(pixels: Pixels, centre: Floats, width: Floats, *, widths: bool = False) -> Pixels:
+def template_columns(
+    pixels: Pixels, centre: Floats, width: Floats, *, widths: bool = False
+) -> Pixels:
     """Template g, its slopes by x and y and, if asked, by the logarithm of its widths, (M, 3 or 5,
     S * S).
     """
@@ -293,7 +191,7 @@ def _columns(pixels: Pixels, centre: Floats, width: Floats, *, widths: bool = Fa
     return columns.reshape(len(centre), len(pairs), -1)
 
 
-def _plane_basis(side: int) -> Floats:
+def plane_basis(side: int) -> Floats:
     """1, x and y of every pixel, (3, side * side)."""
     offset = np.arange(side) - side // 2
     x, y = np.meshgrid(offset, offset)

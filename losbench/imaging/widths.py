@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Floats, Indices
-from losbench.imaging.eiwa import grey
-from losbench.imaging.estimates import Choices
+from losbench.imaging.engine import Engine
+from losbench.imaging.grey import grey
 from losbench.imaging.stamps import evenly
 from losbench.imaging.template import fitted_widths
-from losbench.imaging.windows import cut_windows, level_of, pixel_noise, saturated
 
-__all__ = ["template_widths"]
+__all__ = ["spot_widths"]
 
 
 _FITS = 400
@@ -23,35 +22,66 @@ _FAINTEST = 10.0  # flux in units of its error
 _FEWEST = 4  # frames of a spot that tell a width of its own
 
 
-def template_widths(
-    stack: NDArray[Any], frame: Indices, spot: Indices, middle: Indices, n_spots: int, how: Choices
+def spot_widths(
+    engine: Engine,
+    stack: NDArray[Any],
+    frame: Indices,
+    spot: Indices,
+    middle: Indices,
+    n_spots: int,
 ) -> Floats:
-    """Width (n, 2) of each spot along x and y, in pixels, from windows (M,) of frame, spot and
-    whole pixel (M, 2).
+    """Width (n, 2) of each spot along x and y, in pixels, as the method of the engine needs it.
+
+    NaN where it has no template; what is given, spread over the spots; or what fits the windows
+    (M,) of frame, spot and whole pixel (M, 2) best.
+
+    Raises
+    ------
+    ValueError
+        If the width that is given has another number of spots, or is wider than the window.
+    """
+    given = engine.method.width
+    if not engine.method.template:
+        return np.full((n_spots, 2), np.nan)
+    if given is None:
+        return _fitted(engine, stack, frame, spot, middle, n_spots)
+    width = np.asarray(given, dtype=np.float64)
+    if width.shape not in ((), (2,), (n_spots, 2)) or (width > engine.window).any():
+        raise ValueError(
+            f"width (sigma of a spot) must be a number, two or ({n_spots}, 2), of 0.1 to "
+            f"{engine.window} pixels, the window, got {given!r}"
+        )
+    return np.broadcast_to(width, (n_spots, 2)).copy()
+
+
+def _fitted(
+    engine: Engine,
+    stack: NDArray[Any],
+    frame: Indices,
+    spot: Indices,
+    middle: Indices,
+    n_spots: int,
+) -> Floats:
+    """Width of each spot that fits best.
 
     A spot seen in four frames or more has its own, the median over up to 64 of them. All others
     share the median of the call, weighted by the information that each has: single stars, and
     undersampled ones above all, do not tell theirs. Spots that are saturated, not wholly read or
     fainter than ten times their error have no vote.
     """
-    guess = np.full(2, how.window / 6.0)
+    guess = np.full(2, engine.window / 6.0)
     some = _chosen(frame, spot, n_spots)
     if not some.size:
         return np.tile(guess, (n_spots, 1))
-    stamps = cut_windows(stack, frame[some], middle[some], how)
-    level = level_of(stamps, how)
-    usable = np.isfinite(stamps.signal).all(axis=(1, 2)) & ~saturated(stamps, level, how)
-    if stamps.missing is not None:
-        usable &= ~stamps.missing.any(axis=(1, 2))
+    cut = engine.cut(stack, frame[some], middle[some])
+    usable = np.isfinite(cut.signal).all(axis=(1, 2)) & ~engine.saturated(cut, cut.plane.level)
+    if cut.missing is not None:
+        usable &= ~cut.missing.any(axis=(1, 2))
     if not usable.any():
         return np.tile(guess, (n_spots, 1))
-    start = grey(stamps.signal[usable], np.zeros((int(usable.sum()), 2)), how.window).centroid
-    fit = fitted_widths(
-        stamps.signal[usable, 1:-1, 1:-1],
-        np.nan_to_num(start),
-        guess,
-        pixel_noise(stamps, level, how).of(usable),
-    )
+    signal = cut.signal[usable]
+    start = grey(signal, np.zeros((len(signal), 2)), engine.window).centroid
+    fit = fitted_widths(signal[:, 1:-1, 1:-1], np.nan_to_num(start), guess, cut.noise.of(usable))
     bright = fit.significance >= _FAINTEST
     voters, width, weight = (
         spot[some][usable][bright],

@@ -1,0 +1,234 @@
+"""The engine of centroiding: windows cut, background off, method applied, flags set, cut anew where
+a window has moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from losbench.arrays import Bools, Floats, Indices, Pixels
+from losbench.checks import integer, number
+from losbench.imaging.background import RING, Background, Plane
+from losbench.imaging.detector import Detector
+from losbench.imaging.hotpixels import gate_hot_pixels
+from losbench.imaging.noise import PixelNoise, peak_reading, pixel_noise
+from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
+from losbench.imaging.results import Measured, SpotFlag
+from losbench.imaging.stamps import cut_stamps
+from losbench.imaging.window import look
+
+__all__ = ["Cut", "Engine"]
+
+
+# over a half, so that a centroid near a pixel border is not cut back and forth
+_OFF_CENTRE = 0.6  # pixels
+_MOST_RECUTS = 10
+_FAINTEST = 5.0  # flux in units of its error
+_PLATEAU = 5  # pixels
+_LEAK = 0.01  # of the peak
+_SURE = 5.0  # sigma
+
+
+@dataclass(frozen=True)
+class Cut:
+    """M windows as they were read, the background under them, what is left, and what was not
+    read.
+    """
+
+    raw: Pixels
+    signal: Pixels
+    missing: Bools | None
+    plane: Plane
+    noise: PixelNoise
+
+
+@dataclass(frozen=True)
+class Engine:
+    """What holds for every spot of a call.
+
+    Parameters
+    ----------
+    method : CentroidMethod
+    background : Background
+    window, ring : int, pixels
+        Sides of the window, and of the square that the ring surrounds.
+    detector : Detector or None
+    full_scale_dn : float
+        Reading of a saturated pixel.
+    rounding : float, DN squared
+        Variance of a reading's rounding.
+    """
+
+    method: CentroidMethod
+    background: Background
+    window: int
+    ring: int
+    detector: Detector | None
+    full_scale_dn: float
+    rounding: float
+
+    @classmethod
+    def of_stack(
+        cls,
+        stack: NDArray[Any],
+        method: CentroidMethod,
+        background: Background,
+        window: int,
+        detector: Detector | None = None,
+        full_scale_dn: float | None = None,
+    ) -> Self:
+        """Fit window, ring and full scale to the frames (F, H, W).
+
+        Raises
+        ------
+        ValueError
+            If the window does not fit into the frames, or the ring into the window.
+        """
+        rows, columns = stack.shape[1:]
+        if window > min(rows, columns):
+            raise ValueError(
+                f"window of {window} x {window} pixels does not fit into frames of {rows} x "
+                f"{columns} pixels"
+            )
+        ring = window if background.side is None else background.side
+        integer("ring", ring, low=window)
+        whole = stack.dtype.kind in "ui"
+        if full_scale_dn is not None:
+            full_scale = number("full_scale_dn", full_scale_dn)
+        elif detector is not None:
+            full_scale = float(np.floor(detector.full_scale_dn))
+        else:
+            full_scale = float(np.iinfo(stack.dtype).max) if whole else np.inf
+        rounding = 1.0 / 12.0 if whole else 0.0
+        return cls(method, background, window, ring, detector, full_scale, rounding)
+
+    def measure(
+        self,
+        stack: NDArray[Any],
+        frame: Indices,
+        middle: Indices,
+        start: Floats,
+        *,
+        width: Floats,
+        now: Floats | None = None,
+        recuts: int = _MOST_RECUTS,
+    ) -> Measured:
+        """Measure M spots: frame numbers (M,), whole pixels to cut around (M, 2) and starts (M, 2)
+        in frame pixels.
+
+        ``width`` (M, 2) is that of the spots, NaN where no template needs it. A window that leaves
+        the middle pixel of its stamp, or comes to rest off it while the ring does not, is cut anew
+        around where it is ``now``.
+        """
+        cut = self.cut(stack, frame, middle)
+        here = (start if now is None else now) - middle
+        windows = Windows(cut.signal, self.window, here, middle, cut.noise, width)
+        fit = self.method.measure(windows)
+        result = self._judged(stack.shape[1:], middle, cut, fit)
+        if self.method.stays:
+            return result
+
+        moved = np.nan_to_num(fit.centroid, posinf=0.0, neginf=0.0)
+        nearest = middle + np.rint(moved).astype(np.intp)
+        strayed = np.abs(nearest - start).max(axis=1) > self.window / 2
+        result.flags[strayed] |= SpotFlag.NOT_CONVERGED
+        inside = ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=1)
+        again = (np.abs(moved).max(axis=1) > _OFF_CENTRE) & ~strayed & inside
+        if not self.background.tilts:
+            again &= ~fit.converged
+        if recuts and again.any():
+            redone = self.measure(
+                stack,
+                frame[again],
+                nearest[again],
+                start[again],
+                width=width[again],
+                now=moved[again] + middle[again],
+                recuts=recuts - 1,
+            )
+            redone.n_iter[:] += result.n_iter[again]
+            result.put(again, redone)
+        return result
+
+    def cut(self, stack: NDArray[Any], frame: Indices, middle: Indices) -> Cut:
+        """Cut M windows, each with a margin of one pixel, around whole pixels (M, 2), and take the
+        background off.
+        """
+        stamps = cut_stamps(stack, frame, middle, self.ring // 2 + RING)
+        plane = self.background.under(stamps, self.ring)
+        gate = self.method.hot_pixel_gate
+        # One pixel for the window to move in, and one more where the gate looks at neighbours.
+        reach = self.window // 2 + (2 if gate else 1)
+        margin = slice(self.ring // 2 + RING - reach, self.ring // 2 + RING + reach + 1)
+        raw = np.ascontiguousarray(stamps[:, margin, margin])
+        signal: Pixels = raw - plane.over(reach, raw.dtype)
+        absent = np.isnan(raw)
+        missing = absent if absent.any() else None
+        if missing is not None:
+            signal[missing] = 0.0
+        if gate:
+            signal = gate_hot_pixels(signal, np.nan_to_num(plane.scatter))[:, 1:-1, 1:-1]
+            raw = raw[:, 1:-1, 1:-1]
+            missing = None if missing is None else missing[:, 1:-1, 1:-1]
+        noise = pixel_noise(raw, missing, plane, self.detector, self.rounding)
+        return Cut(raw, signal, missing, plane, noise)
+
+    def saturated(self, cut: Cut, level: Floats) -> Bools:
+        """Full scale is reached, or more pixels share the maximum than whole numbers make of a
+        round top.
+        """
+        inner = cut.raw[:, 1:-1, 1:-1].reshape(len(level), -1)
+        if cut.missing is not None:
+            inner = np.where(np.isnan(inner), -np.inf, inner)
+        top = inner.max(axis=1)
+        sharing = (inner == top[:, None]).astype(np.float32).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            chance = self.window**2 / (top - level)
+            plateau = (top > level) & (sharing >= _PLATEAU + chance)
+        return (top >= self.full_scale_dn) | plateau
+
+    def _judged(self, shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> Measured:
+        """Flags of windows that have come to rest."""
+        level = cut.plane.at(fit.centroid)
+        at, half = fit.middle + middle, self.window / 2
+        end = np.array(shape[::-1]) - 0.5
+        leaves = ((at - half < -0.5 - 1e-9) | (at + half > end + 1e-9)).any(axis=1)
+        reach = self.ring // 2 + RING
+        clipped = ((middle < reach) | (middle + reach > end)).any(axis=1)
+        holes = np.zeros(len(middle), dtype=bool)
+        if cut.missing is not None:
+            unread = look(cut.missing.astype(np.float64), np.nan_to_num(fit.middle), self.window)
+            holes = (unread.total > 1e-9) & ~leaves
+        with np.errstate(invalid="ignore"):
+            faint = ~(fit.flux > 0) | (fit.flux < _FAINTEST * fit.sigma_flux)
+
+        flags = np.zeros(len(middle), dtype=np.int64)
+        for flag, where in (
+            (SpotFlag.NOT_CONVERGED, ~fit.converged & ~holes),
+            (SpotFlag.EDGE, leaves | clipped),
+            (SpotFlag.SATURATED, self.saturated(cut, level)),
+            (SpotFlag.TOO_FAINT, faint & ~holes),
+            (SpotFlag.SLOW, fit.slow),
+            (SpotFlag.RING, _leaks(cut, level) & ~faint & ~leaves & ~clipped),
+            (SpotFlag.MISFIT, fit.misfit & ~faint & ~leaves),
+            (SpotFlag.MISSING, holes),
+        ):
+            flags[where] |= flag
+        nowhere = (leaves | holes | faint)[:, None]
+        xy = np.where(nowhere, np.nan, fit.centroid + middle)
+        sigma = np.where(np.isnan(xy), np.nan, fit.sigma)
+        return Measured(xy, sigma, fit.flux, level, fit.n_iter.copy(), flags)
+
+
+def _leaks(cut: Cut, level: Floats) -> Bools:
+    """The ring grows brighter towards the spot: surely, and by more than a hundredth of the spot's
+    peak.
+    """
+    excess, peak = cut.plane.excess, peak_reading(cut.raw, cut.missing)
+    with np.errstate(invalid="ignore"):
+        leaks: Bools = (excess > _SURE * cut.plane.excess_error) & (excess > _LEAK * (peak - level))
+    return leaks

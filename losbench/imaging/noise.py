@@ -1,0 +1,66 @@
+"""How noisy the pixels of a window are, which decides every predicted error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from losbench.arrays import Bools, Floats, Pixels
+from losbench.imaging.background import Plane
+from losbench.imaging.detector import Detector
+
+__all__ = ["PixelNoise", "peak_reading", "pixel_noise"]
+
+
+@dataclass(frozen=True)
+class PixelNoise:
+    """Variance of the pixels of M windows, ``floor + per_dn * signal``, and of the background plane
+    taken off them.
+
+    Parameters
+    ----------
+    floor : (M,) array, DN squared
+    per_dn : float, DN
+        Inverse of the gain; 0 if it is not known.
+    plane : (M, 3) array
+        Variances of the plane's level, DN squared, and of its slopes along x and y, DN squared per
+        pixel squared.
+    """
+
+    floor: Floats
+    per_dn: float
+    plane: Floats
+
+    def of(self, some: NDArray[Any] | slice) -> PixelNoise:
+        """Return that of some of the windows."""
+        return PixelNoise(self.floor[some], self.per_dn, self.plane[some])
+
+
+def pixel_noise(
+    raw: Pixels, missing: Bools | None, plane: Plane, detector: Detector | None, rounding: float
+) -> PixelNoise:
+    """Variance of the pixels on that background, from the detector or else from the ring.
+
+    ``rounding`` is the variance of a reading's rounding, DN squared, 0 for readings of a float
+    type.
+    """
+    if detector is None:
+        # Frames without any noise are known to their last digit, not to nothing.
+        digit = 0.0 if rounding else np.finfo(raw.dtype).eps * np.abs(peak_reading(raw, missing))
+        floor, per_dn = np.maximum(plane.scatter**2, rounding + digit**2), 0.0
+    else:
+        floor, per_dn = detector.variance_dn(plane.level), 1.0 / detector.gain_e_per_dn
+    of_plane = np.empty((len(floor), 3))
+    of_plane[:, 0] = plane.level_variance * floor
+    of_plane[:, 1:] = plane.slope_variance * floor[:, None]
+    return PixelNoise(floor, per_dn, of_plane)
+
+
+def peak_reading(raw: Pixels, missing: Bools | None) -> Floats:
+    """Highest reading of each stamp, of the pixels that were read."""
+    pixels = raw.reshape(len(raw), -1)
+    top = pixels.max(axis=1) if missing is None else np.nan_to_num(pixels).max(axis=1)
+    return top.astype(np.float64)

@@ -1,0 +1,102 @@
+"""What the engine and the methods of centroiding hand each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+from numpy.typing import ArrayLike
+
+from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
+from losbench.imaging.noise import PixelNoise
+
+__all__ = ["CentroidMethod", "Estimate", "Windows"]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """M windows to be weighed, all of one call.
+
+    Parameters
+    ----------
+    signal : (M, S, S) array, DN
+        Without background; S is the window's side and a margin of one pixel around it.
+    side : int, pixels
+    start : (M, 2) array, pixels
+        Where each spot is thought to be, counted from the middle of its window.
+    middle : (M, 2) array of int, pixels
+        Which pixel of its frame each window was cut around.
+    noise : PixelNoise
+    width : (M, 2) array, pixels
+        Sigma of each spot along x and y; NaN unless the method has a template.
+    """
+
+    signal: Pixels
+    side: int
+    start: Floats
+    middle: Indices
+    noise: PixelNoise
+    width: Floats
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Centroids of M windows, counted from the middle of their stamps.
+
+    Centroid and its error (M, 2), flux and its error (M,), evaluations, converged or not, the
+    middle of the window (M, 2), whether the centroid follows its window more than the spot, and
+    whether a template does not fit it.
+    """
+
+    centroid: Floats
+    sigma: Floats
+    flux: Floats
+    sigma_flux: Floats
+    n_iter: Ints
+    converged: Bools
+    middle: Floats
+    slow: Bools
+    misfit: Bools
+
+
+@runtime_checkable
+class CentroidMethod(Protocol):
+    """A way to find the middle of a spot: a frozen dataclass with these fields and one method.
+
+    Attributes
+    ----------
+    window : int or None, pixels
+        Side of the window, odd; None: chosen from the data.
+    centre : "start", "peak" or None
+        Where the first window stands. None: "peak" for a window that ``stays``, and in `measure`;
+        else "start".
+    hot_pixel_gate : bool
+        Replace pixels that stand out of their 3 x 3 median before anything is weighed.
+    smooth : "kalman" or None
+        Smooth the places of every spot over the frames.
+    stays : bool
+        Whether the window stays on the pixel where it was first put.
+    template : bool
+        Whether the widths of the spots are needed.
+    width : array or None, pixels
+        Those widths, where there is a template; None: found.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    stays: ClassVar[bool]
+    template: ClassVar[bool]
+
+    @property
+    def window(self) -> int | None: ...  # noqa: D102
+    @property
+    def width(self) -> ArrayLike | None: ...  # noqa: D102
+    @property
+    def centre(self) -> str | None: ...  # noqa: D102
+    @property
+    def hot_pixel_gate(self) -> bool: ...  # noqa: D102
+    @property
+    def smooth(self) -> str | None: ...  # noqa: D102
+
+    def measure(self, windows: Windows) -> Estimate:
+        """Find the middle of the spot in each of M windows, with its error."""
+        ...
