@@ -7,6 +7,8 @@ caller works with.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from decimal import Decimal
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -27,10 +29,14 @@ __all__ = [
     "odd",
     "positive",
     "shaped",
+    "unmasked",
 ]
 
 
-_NO_NUMBERS = "mMUSc"  # times, text and complex: NumPy would read a date as its count of some unit
+# NumPy would read a date as its count of some unit.
+_NO_NUMBERS = {"m": "durations", "M": "dates", "U": "text", "S": "text", "c": "complex numbers"}
+_NO_NUMBERS |= {"V": "records"}
+_LARGEST = 2**63 - 1
 
 
 def finite(name: str, value: ArrayLike, *, ndim: int | None = None) -> Floats:
@@ -80,9 +86,11 @@ def number(name: str, value: object, *, low: float = -np.inf, high: float = np.i
     try:
         if isinstance(value, str | bool | np.bool_):
             raise TypeError  # float() would read it
+        if value is np.ma.masked or isinstance(value, np.timedelta64 | np.datetime64):
+            raise TypeError
         result = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a number, got {value!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be a number, got {_shown(value)}") from None
     if not np.isfinite(result) or not low <= result <= high:
         raise ValueError(f"{name} must be a finite number{_range(low, high)}, got {result:g}")
     return result
@@ -92,12 +100,14 @@ def integer(name: str, value: object, *, low: int | None = None, high: int | Non
     """Return ``value`` as an int between ``low`` and ``high``, both allowed; 3.0 passes, 3.5 and
     True do not.
     """
-    if isinstance(value, bool | np.bool_) or not isinstance(
+    if isinstance(value, bool | np.bool_ | np.timedelta64) or not isinstance(
         value, int | float | np.integer | np.floating
     ):
-        raise ValueError(f"{name} must be a whole number, got {value!r}")
+        raise ValueError(f"{name} must be a whole number, got {_shown(value)}")
     if value != value or value in (np.inf, -np.inf) or int(value) != value:
-        raise ValueError(f"{name} must be a whole number, got {value!r}")
+        raise ValueError(f"{name} must be a whole number, got {_shown(value)}")
+    if abs(int(value)) > _LARGEST:
+        raise ValueError(f"{name} must be a whole number of 64 bits, got {_shown(value)}")
     limits = (-np.inf if low is None else low, np.inf if high is None else high)
     if not limits[0] <= value <= limits[1]:
         raise ValueError(f"{name} must be a whole number{_range(*limits)}, got {int(value)}")
@@ -115,7 +125,7 @@ def odd(name: str, value: object, *, low: int = 1) -> int:
 def boolean(name: str, value: object) -> bool:
     """Return ``value`` if it is True or False, a NumPy bool included."""
     if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"{name} must be True or False, got {value!r}")
+        raise ValueError(f"{name} must be True or False, got {_shown(value)}")
     return bool(value)
 
 
@@ -126,7 +136,9 @@ def generator(name: str, value: object) -> np.random.Generator:
     if isinstance(value, np.random.Generator):
         return value
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
-        raise ValueError(f"{name} must be a numpy Generator or a seed of at least 0, got {value!r}")
+        raise ValueError(
+            f"{name} must be a numpy Generator or a seed of at least 0, got {_shown(value)}"
+        )
     return np.random.default_rng(int(value))
 
 
@@ -134,7 +146,9 @@ def choice(name: str, value: Any, options: Iterable[str]) -> str:
     """Return ``value`` if it is one of the ``options``; the message lists them."""
     allowed = list(options)
     if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+        raise ValueError(
+            f"{name} must be one of {', '.join(map(repr, allowed))}, got {_shown(value)}"
+        )
     return value
 
 
@@ -173,15 +187,29 @@ def shaped(name: str, array: NDArray[Any], shape: tuple[int | str, ...], *, why:
         )
 
 
+def unmasked(value: ArrayLike) -> NDArray[Any]:
+    """Return an array in which NaN stands where a masked array is masked; integers become floats
+    only then.
+    """
+    if not isinstance(value, np.ma.MaskedArray):
+        return np.asarray(value)
+    data, mask = np.ma.getdata(value), np.ma.getmaskarray(value)
+    if not mask.any() or data.dtype.kind not in "buif":
+        return data
+    return np.where(mask, np.nan, data).astype(np.result_type(data.dtype, np.float32))
+
+
 def _floats(name: str, value: ArrayLike, ndim: int | None) -> Floats:
+    given = getattr(value, "unit", None)
+    if given is not None:  # NumPy would drop it without a word
+        raise ValueError(f"{name} must be plain numbers, got some in {given}: convert them first")
     try:
-        given = np.asarray(value)
-        array = None if given.dtype.kind in _NO_NUMBERS else given.astype(np.float64, copy=False)
-    except (TypeError, ValueError):
-        array = None
-    if array is None:
+        array = _as_floats(unmasked(value))
+    except (TypeError, ValueError, OverflowError) as error:
         held = f" of {value.dtype}" if isinstance(value, np.ndarray) else ""
-        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}{held}")
+        why = f": {error}" if isinstance(error, _NoNumber) else ""
+        kind = type(value).__name__
+        raise ValueError(f"{name} must be an array of numbers, got {kind}{held}{why}") from None
     if ndim is not None and array.ndim != ndim:
         raise ValueError(
             f"{name} must have {ndim} dimension{'s' * (ndim != 1)}, got shape {array.shape}"
@@ -189,6 +217,39 @@ def _floats(name: str, value: ArrayLike, ndim: int | None) -> Floats:
     if array.size == 0:
         raise ValueError(f"{name} must hold at least one sample, got shape {array.shape}")
     return array
+
+
+class _NoNumber(TypeError):
+    """What an array holds in place of a number."""
+
+
+def _as_floats(given: NDArray[Any]) -> Floats:
+    if given.dtype.kind in _NO_NUMBERS:
+        raise _NoNumber(_NO_NUMBERS[given.dtype.kind])
+    if given.dtype.kind != "O":
+        return given.astype(np.float64, copy=False)
+    # NumPy would parse text and read a duration as its count of some unit.
+    return np.array([_as_float(each) for each in given.ravel()]).reshape(given.shape)
+
+
+def _as_float(value: object) -> float:
+    if value is None or value is np.ma.masked or str(value) == "<NA>":  # the last is pandas'
+        return np.nan
+    if isinstance(value, np.timedelta64) or not isinstance(value, Real | Decimal):
+        raise _NoNumber(f"it holds {type(value).__name__}")
+    try:
+        return float(value)
+    except OverflowError:
+        raise _NoNumber("it holds an integer too large for a float") from None
+
+
+def _shown(value: object) -> str:
+    """A value for a message, cut where it is long."""
+    try:
+        text = repr(value)
+    except ValueError:  # integers beyond 4300 digits have no text
+        return "an integer of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:60]}..."
 
 
 def _range(low: float, high: float) -> str:

@@ -157,3 +157,32 @@ def test_version_and_help_come_without_the_heavy_packages():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == f"losbench {lb.__version__}"
+
+
+@pytest.mark.parametrize(
+    "error", [KeyError("x"), IndexError(3), TypeError("no"), AssertionError(), ZeroDivisionError()]
+)
+def test_a_defect_of_its_own_keeps_its_traceback(monkeypatch, error):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr("losbench.workbench.ledger.verdicts.Ledger.collect", fail)
+    with pytest.raises(type(error)):
+        main(["ledger"])
+
+
+def test_so_does_an_error_of_value_that_no_check_raised(monkeypatch):
+    broken = (np.ones(2), np.ones(3))
+    monkeypatch.setattr(
+        "losbench.workbench.ledger.verdicts.Ledger.collect", lambda **_: np.add(*broken)
+    )
+    with pytest.raises(ValueError, match="operands could not be broadcast"):
+        main(["ledger"])
+
+
+def test_debug_shows_where_an_error_comes_from(tmp_path, capsys):
+    nowhere = ["measure", str(tmp_path / "nowhere"), "--out", str(tmp_path / "out")]
+    assert main(nowhere) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    with pytest.raises(FileNotFoundError, match="no recording at"):
+        main([*nowhere, "--debug"])

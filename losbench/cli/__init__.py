@@ -1,12 +1,14 @@
 """The command line: ``losbench reproduce | measure | simulate | drift | ledger``.
 
 Exit codes: 0 done; 1 a notebook failed, or a verdict is not the accepted one; 2 wrong arguments or
-unusable input, said in one line; 130 interrupted; 141 whoever reads the output has gone.
+unusable input, said in one line; 130 interrupted; 141 whoever reads the output has gone. A defect
+of losbench itself ends with Python's traceback.
 """
 
 from __future__ import annotations
 
 import argparse
+import dis
 import os
 import sys
 import warnings
@@ -18,14 +20,17 @@ from losbench.cli import drift, ledger, measure, reproduce, simulate
 
 __all__ = ["main"]
 
+_RAISE = dis.opmap["RAISE_VARARGS"]
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     options = _parser().parse_args(arguments)
+    said = f"losbench {options.command}:"
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: print(
-                f"losbench {options.command}: {message}", file=sys.stderr
+                said, _in_one_line(str(message)), file=sys.stderr
             )
             code = int(options.run(options))
             sys.stdout.flush()
@@ -33,12 +38,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         _hush()
         return 141
-    except (ValueError, OSError, ImportError) as error:
-        print(f"losbench {options.command}: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt:
-        print(f"losbench {options.command}: interrupted", file=sys.stderr)
+        print(said, "interrupted", file=sys.stderr)
         return 130
+    except Exception as error:
+        if options.debug or not _is_for_the_user(error):
+            raise
+        print(said, _in_one_line(str(error)) or type(error).__name__, file=sys.stderr)
+        return 2
+
+
+def _is_for_the_user(error: Exception) -> bool:
+    """Whether an error tells of an argument, a file or the machine, and not of losbench itself: of
+    errors of value only those that a check of losbench raised, by a ``raise`` of its own.
+    """
+    if isinstance(error, OSError | ImportError | MemoryError):
+        return True
+    if not isinstance(error, ValueError):
+        return False
+    at = error.__traceback__
+    while at is not None and at.tb_next is not None:
+        at = at.tb_next
+    if at is None:
+        return False
+    code, module = at.tb_frame.f_code, str(at.tb_frame.f_globals.get("__name__"))
+    return module.partition(".")[0] == "losbench" and code.co_code[at.tb_lasti] == _RAISE
+
+
+def _in_one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _hush() -> None:
@@ -63,6 +91,9 @@ def _parser() -> argparse.ArgumentParser:
         "--quiet",
         action="store_true",
         help="no progress bars, no report; errors and exit code only",
+    )
+    quiet.add_argument(
+        "--debug", action="store_true", help="show where an error comes from, with its traceback"
     )
     for command in (reproduce, measure, simulate, drift, ledger):
         command.add(commands, quiet)

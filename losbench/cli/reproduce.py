@@ -16,7 +16,7 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         "reproduce", parents=[quiet], help="run the notebooks: every figure, table and verdict"
     )
     parser.add_argument(
-        "select", nargs="*", metavar="NN", help="numbers of notebooks, e.g. 03 90; default all"
+        "select", nargs="*", metavar="NN", help="numbers of notebooks, e.g. 3 90; default all"
     )
     parser.add_argument("--out", type=Path, help="where to write; default the build folder")
     parser.add_argument("--workers", type=int, default=2, help="notebooks at a time (%(default)s)")

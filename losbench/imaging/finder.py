@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats, Indices
-from losbench.checks import integer, number, shaped
+from losbench.checks import integer, number, shaped, unmasked
 
 __all__ = ["find_spots"]
 
@@ -66,7 +66,7 @@ def find_spots(image: ArrayLike, n: int | None = None, threshold: float = 8.0) -
     >>> find_spots(image, n=2).round().astype(int).tolist()
     [[55, 40], [20, 30]]
     """
-    pixels = np.asarray(image)
+    pixels = unmasked(image)
     shaped("image", pixels, ("rows", "columns"))
     if pixels.dtype.kind not in "buif":
         raise ValueError(f"image must be an array of numbers, got {pixels.dtype.name}")

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Floats, Indices, Pixels
-from losbench.checks import integer
+from losbench.checks import integer, unmasked
 
 __all__ = ["as_stack", "as_starts", "cut_stamps", "evenly", "in_frame", "peak_pixels"]
 
@@ -20,17 +20,18 @@ def as_stack(frames: ArrayLike) -> NDArray[Any]:
     """Return frames as (F, H, W), in their own type, masked pixels as NaN; raise if they are no
     images or none.
     """
-    if isinstance(frames, np.ma.MaskedArray):
-        of_type = np.result_type(frames.dtype, np.float32)
-        stack = np.where(np.ma.getmaskarray(frames), np.nan, np.ma.getdata(frames)).astype(of_type)
-    else:
-        stack = np.asarray(frames)
+    stack = unmasked(frames)
     if stack.ndim not in (2, 3):
         raise ValueError(f"frames must have shape (F, H, W) or (H, W), got {stack.shape}")
     if stack.dtype.kind not in "uif":
         raise ValueError(f"frames must be of an integer or float type, got {stack.dtype.name}")
     if stack.size == 0:
         raise ValueError(f"frames must hold at least one pixel, got shape {stack.shape}")
+    if stack.ndim == 3 and stack.shape[-1] in (3, 4) and stack.shape[0] > stack.shape[-1]:
+        raise ValueError(
+            f"frames must have shape (F, H, W) or (H, W), but {stack.shape} is that of a colour "
+            "image: take one channel, image[..., 0]"
+        )
     return stack if stack.ndim == 3 else stack[None]
 
 

@@ -23,6 +23,9 @@ __all__ = ["Catalogue", "Field", "load_catalogue", "random_attitudes"]
 
 _RAD_PER_MAS = np.pi / (180 * 3600e3)
 _HIPPARCOS_EPOCH = 1991.25
+_LARGEST_IDENT = 9_999_999_999  # TYC1 * 1e6 + TYC2 * 10 + TYC3
+_BRIGHTEST, _FAINTEST = -2.0, 25.0
+_FASTEST_MAS = 30_000.0  # a year; Barnard's star, the fastest, moves by 10 400
 
 
 class _Star(NamedTuple):
@@ -234,7 +237,7 @@ def _read(
             except IndexError:
                 raise ValueError(f"{path}, line {count} has too few columns") from None
             except ValueError as error:
-                raise ValueError(f"{path}, line {count}: {error}") from None
+                raise ValueError(f"{path}, line {count}: {str(error)[:200]}") from None
             if star is not None and star.magnitude <= faintest:
                 stars.append(star)
     idents = np.array([star.ident for star in stars], dtype=np.int64)
@@ -293,12 +296,17 @@ _ROWS: dict[str, Callable[[str], _Star | None]] = {
 
 def _star(ident: int, place: list[float], epoch: float, magnitude: str) -> _Star:
     ra, dec, pm_ra, pm_dec = place
-    if not (0.0 <= ra <= math.tau and abs(dec) <= math.pi / 2 and math.isfinite(pm_ra + pm_dec)):
+    if not 0 < ident <= _LARGEST_IDENT:
+        raise ValueError("the number of a star must be positive and of at most 10 digits")
+    bright = float(magnitude)
+    if not (_BRIGHTEST <= bright <= _FAINTEST and abs(pm_ra) + abs(pm_dec) <= _FASTEST_MAS):
         raise ValueError(
-            f"star {ident} must stand on the sky, got {ra:g} and {dec:g} rad, moving {pm_ra:g}, "
-            f"{pm_dec:g}"
+            f"star {ident} must have a magnitude and a motion of stars, got {bright:g} and "
+            f"{pm_ra:g}, {pm_dec:g} mas/yr"
         )
-    return _Star(ident, ra, dec, pm_ra, pm_dec, epoch, float(magnitude))
+    if not (0.0 <= ra <= math.tau and abs(dec) <= math.pi / 2):
+        raise ValueError(f"star {ident} must stand on the sky, got {ra:g} and {dec:g} rad")
+    return _Star(ident, ra, dec, pm_ra, pm_dec, epoch, bright)
 
 
 def _moved(

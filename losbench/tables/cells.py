@@ -14,6 +14,7 @@ __all__ = ["BadCell", "decimal_comma", "kind", "missing", "parse_numbers", "quic
 _MISSING = {"", *("nan", "na", "n/a", "#n/a", "#na", "null", "none", "nil")}
 _MISSING |= {"-", "--", "---", ".", "?", "missing", "error", "err", "over", "ovr", "ol"}
 _MISSING |= {"#value!", "#div/0!", "#ref!", "#num!", "*", "**", "***", "****"}
+_ENDLESS = {"inf", "infinity"}  # no word, though no number either
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)*|[.,]\d+)(?:[eE][+-]?\d+)?")
 _TIME = re.compile(
     r"\d{1,4}[-/.](?:\d{1,2}|[A-Za-z]{3,9})[-/.]\d{1,4}(?:[T ].*)?"
@@ -49,7 +50,7 @@ def kind(cell: str) -> str:
         return "."
     if _TIME.fullmatch(text):  # before numbers, since 01.03.2026 looks like one
         return "t"
-    return "n" if _NUMBER.fullmatch(text) else "w"
+    return "n" if _NUMBER.fullmatch(text) or text.lower().strip("+-") in _ENDLESS else "w"
 
 
 def quick_numbers(cells: Sequence[str]) -> Floats | None:

@@ -186,9 +186,13 @@ class Table:
 
 
 def read_table(
-    path: str | Path, dialect: Dialect | None = None, *, option: str = "--column"
+    path: str | Path,
+    dialect: Dialect | None = None,
+    *,
+    option: str = "--column",
+    as_text: bool = False,
 ) -> Table:
-    """Read a CSV file as people bring them.
+    """Read a CSV file as people bring them, its cells left as text if asked for.
 
     Rules on its first 200 lines find encoding, delimiter, header and units; every row below must
     have the header's number of fields, empty ones at its end apart.
@@ -211,7 +215,7 @@ def read_table(
     while block := list(islice(kept, _ROWS)):
         lines.append(np.array([line for line, _ in block], dtype=np.int64))
         for column, cells in zip(chunks, zip(*(row for _, row in block), strict=True), strict=True):
-            quick = quick_numbers(cells)
+            quick = None if as_text else quick_numbers(cells)
             column.append(cells if quick is None else quick)
     if not lines:
         raise ValueError(f"{file.name} must hold at least one row below its header")

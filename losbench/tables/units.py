@@ -20,8 +20,13 @@ _SPELLED = {
     "d": ("d", "day", "days"),
 }
 _UNITS = {word: unit for unit, words in _SPELLED.items() for word in words}
-# What loggers (Campbell's TOA5 among them) put below the names besides units.
-_BELOW_NAMES = {"", "ts", "rn", "avg", "smp", "min", "max", "std", "tot", "-", "utc", "gmt", "%"}
+# What stands below names besides these: other units, and how Campbell's loggers sample.
+_BELOW_NAMES = {
+    *("", "-", "1", "%", "%rh", "none", "count", "counts", "dn", "e", "e-", "px", "hz", "ts", "rn"),
+    *("arcsec", "arcmin", "deg", "rad", "mrad", "urad", "nm", "um", "mm", "cm", "m", "km", "v"),
+    *("mv", "a", "ma", "w", "pa", "hpa", "mbar", "bar", "utc", "gmt", "quaternion", "avg", "smp"),
+    *("min", "max", "std", "tot"),
+}
 _DEGREE = re.compile(
     "(?:[\N{DEGREE SIGN}\N{MASCULINE ORDINAL INDICATOR}]\\s?|\\bdeg[ .]?)([CFK])\\b", re.IGNORECASE
 )
@@ -45,7 +50,7 @@ def unit_of(name: str) -> str:
 
 def spelled(unit: str) -> str:
     """A unit as losbench spells it, or nothing if it is none that it knows."""
-    text = _plain(unit).strip()
+    text = _plain(unit).strip(" []()")
     degree = _DEGREE.fullmatch(text)
     return _UNITS.get((degree.group(1) if degree else text).lower(), "")
 
@@ -72,7 +77,8 @@ def slug(text: str) -> str:
 def is_unit_row(cells: list[str]) -> bool:
     """Whether a row holds units, or what loggers write beside them, and nothing else."""
     words = [cell.strip() for cell in cells]
-    return any(words) and all(w.lower() in _BELOW_NAMES or spelled(w) for w in words)
+    bare = [re.sub(r"^[\[(](.*)[\])]$", r"\1", word) for word in words]
+    return any(words) and all(w.lower() in _BELOW_NAMES or spelled(w) for w in bare)
 
 
 def to_celsius(values: Floats, unit: str) -> Floats:

@@ -192,8 +192,12 @@ def test_a_hipparcos_table_may_hold_one_star_or_many_and_blank_lines(tmp_path, r
             "line 2: star 1 must stand on the sky, got 231.5 and 0.2 rad",
         ),
         (
+            HIP2.replace("1 1 5", f"{10**30} 1 5", 1),
+            "line 2: the number of a star must be positive and of at most 10 digits",
+        ),
+        (
             HIP2.replace("100.0", "nan"),
-            "line 2: star 1 must stand on the sky, got 0.1 and 0.2 rad, moving nan, -200",
+            "line 2: star 1 must have a magnitude and a motion of stars, got 5.5 and nan, -200 mas/yr",
         ),
     ],
 )

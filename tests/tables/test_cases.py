@@ -51,8 +51,10 @@ FINE = {
     "spaces after commas": lines((HEADER + ROWS).replace(",", ", ")),
     "empty lines": lines("/" + HEADER + "/0,18.0//60,18.2/120,18.5/,/"),
     "row of units": lines("time,temperature/s,degC/" + ROWS),
+    "row of units in brackets": lines(
+        "time,temperature,x/[s],[degC],[arcsec]/0,18.0,1/60,18.2,2/120,18.5,3/"
+    ),
     "exponents": lines(HEADER + "0,1.80e1/6e1,182e-1/1.2E2,+18.5/"),
-    "minus sign": lines(HEADER + "0,18.0/60,18.2/120,18.5/").replace(b"0,18.0", b"0,18.0"),
     "fahrenheit by name": lines("time_s,temp_F/0,64.4/60,64.76/120,65.3/"),
     "kelvin in brackets": lines("time_s,T [K]/0,291.15/60,291.35/120,291.65/"),
     "minutes": lines("time [min],T (" + DEGREE + "C)/0,18.0/1,18.2/2,18.5/"),

@@ -160,3 +160,23 @@ def test_the_shipped_claims_are_complete():
         )
     assert set(module.accepted_verdicts()) == {claim.id for claim in claims}
     assert set(module.accepted_verdicts().values()) <= set(module.VERDICTS)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("claimed", "printed", "claims.csv has no column claimed; it has id, paper"),
+        (",1.1,", ",1e999,", "line 2: irls-01 must claim a number"),
+        (",1.1,", ",-inf,", "line 2: irls-01 must claim a number"),
+        (",=,1.1,", ",is,1.1,", "true or false by 'is', got 'is' '1.1'"),
+        ("irls-02", "irls-01", "line 3: the id must be given, and once"),
+        ("irls-02,", ",", "line 3: the id must be given, and once"),
+    ],
+)
+def test_a_faulty_table_of_claims_is_named(tmp_path, old, new, message):
+    path = tmp_path / "claims.csv"
+    text = module.data_file("claims.csv").read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        module.read_claims(path)

@@ -157,3 +157,10 @@ def test_a_verdict_other_than_the_accepted_one_fails_the_run(notebooks, tmp_path
 def test_a_selection_that_matches_nothing_is_refused(notebooks, tmp_path):
     with pytest.raises(ValueError, match="no notebook begins with 44"):
         reproduce(["44"], out=tmp_path, notebooks=notebooks)
+
+
+def test_one_digit_means_the_notebook_of_that_number(notebooks, tmp_path):
+    write(notebooks, "10-other", "1 / 0")
+    for number in ("1", "01"):
+        runs = reproduce([number], out=tmp_path / "build", notebooks=notebooks, quiet=True).runs
+        assert [run.notebook for run in runs] == ["01-judge"]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from losbench.resources import data_file, write_whole
+from losbench.tables import Dialect, read_table
 
 __all__ = [
     "COLUMNS",
@@ -34,6 +36,7 @@ VERDICTS = {
     "untestable": "the paper does not give what a test would need",
     "pending": "not yet examined",
 }
+_RELATIONS = ("=", "~", "<=", ">=")
 COLUMNS = (
     *("id", "paper", "where", "quantity", "relation", "claimed", "unit", "note"),
     *("ours", "uncertainty", "reading", "verdict", "evidence"),
@@ -80,9 +83,44 @@ class Finding:
 
 
 def read_claims(path: str | Path | None = None) -> dict[str, Claim]:
-    """Return the claims of a CSV table by id, by default those of ``data/claims.csv``."""
-    with open(path or data_file("claims.csv"), encoding="utf-8", newline="") as file:
-        return {row["id"]: Claim(**row) for row in csv.DictReader(file)}
+    """Return the claims of a CSV table by id, by default those of ``data/claims.csv``.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, an id stands twice, or a claim is no number where it must be one.
+    """
+    table = read_table(path or data_file("claims.csv"), Dialect(delimiter=","), as_text=True)
+    names = [field.name for field in fields(Claim)]
+    missing = [name for name in names if name not in table.names]
+    if missing:
+        raise ValueError(
+            f"{table.file} has no column {', '.join(missing)}; it has {table.listed()}"
+        )
+    claims: dict[str, Claim] = {}
+    for row, cells in enumerate(zip(*map(table.texts, names), strict=True)):
+        claim = Claim(*cells)
+        if claim.id in claims or not claim.id:
+            raise ValueError(
+                f"{table.file}, line {table.line(row)}: the id must be given, and once"
+            )
+        if not _is_claimed(claim):
+            raise ValueError(
+                f"{table.file}, line {table.line(row)}: {claim.id} must claim a number by "
+                f"{', '.join(_RELATIONS)}, or true or false by 'is', got {claim.relation!r} "
+                f"{claim.claimed[:40]!r}"
+            )
+        claims[claim.id] = claim
+    return claims
+
+
+def _is_claimed(claim: Claim) -> bool:
+    if claim.relation == "is":
+        return claim.claimed in ("true", "false")
+    return (
+        claim.relation in _RELATIONS
+        and re.fullmatch(r"-?\d{1,15}(\.\d{1,15})?", claim.claimed) is not None
+    )
 
 
 def accepted_verdicts() -> dict[str, str]:

@@ -84,7 +84,7 @@ def reproduce(
     Parameters
     ----------
     select : sequence of str
-        Beginnings of notebook names, e.g. "03"; by default all.
+        Numbers or beginnings of notebook names, e.g. "03" or "3"; by default all.
     workers : int
         Notebooks that run at a time.
     out : path, optional
@@ -112,7 +112,8 @@ def reproduce(
     source = Path(notebooks or notebook_folder())
     target = Path(out or build_folder()).resolve()
     every = sorted(source.glob("[0-9]*.ipynb"))
-    chosen = [path for path in every if not select or path.name.startswith(tuple(select))]
+    begins = tuple(text.zfill(2) if text.isdigit() else text for text in select)  # 3 means 03
+    chosen = [path for path in every if not begins or path.name.startswith(begins)]
     if not chosen:
         raise ValueError(f"no notebook begins with {', '.join(select) or 'a number'} in {source}")
     target.mkdir(parents=True, exist_ok=True)
