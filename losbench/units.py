@@ -1,4 +1,4 @@
-"""Angles and lengths in the units that people quote them in."""
+"""Angles, lengths and spreads in the units that people quote them in."""
 
 from __future__ import annotations
 
@@ -8,9 +8,18 @@ from numpy.typing import ArrayLike
 from losbench.arrays import Floats
 from losbench.checks import positive
 
-__all__ = ["ARCSEC_PER_RAD", "arcsec_to_rad", "px_to_arcsec", "rad_to_arcsec"]
+__all__ = [
+    "ARCSEC_PER_RAD",
+    "MAD_PER_SIGMA",
+    "SIGMA_PER_MAD",
+    "arcsec_to_rad",
+    "px_to_arcsec",
+    "rad_to_arcsec",
+]
 
 ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
+MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of normal errors: upper quartile
+SIGMA_PER_MAD = 1.0 / MAD_PER_SIGMA
 
 
 def rad_to_arcsec(angle_rad: ArrayLike) -> Floats:

@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 from losbench.arrays import Floats
 from losbench.checks import boolean, choice, finite, finite_or_nan, integer, shaped
 from losbench.estimation.memory import variance_sampling
+from losbench.units import SIGMA_PER_MAD
 
 __all__ = ["ErrorSplit", "lsfe", "mark_gaps", "nea", "sliding_mean", "split_error"]
 
 Scale = Literal["std", "mad"]
 
-_MAD_TO_STD = 1.482602218505602
 _MAD_EFFICIENCY = 0.3675  # of the MAD as an estimate of a normal standard deviation
 _CLIP = 4.0  # robust scales: beyond them a sample says nothing about the memory of the series
 
@@ -278,13 +278,13 @@ def _noise_variance(x: Floats, scale: Scale) -> Floats:
     if change.size == 0 or np.isnan(change).all():
         raise ValueError("series must hold two neighbouring samples")
     if scale == "mad":
-        return 0.5 * (_MAD_TO_STD * np.nanmedian(np.abs(change), axis=0)) ** 2
+        return 0.5 * (SIGMA_PER_MAD * np.nanmedian(np.abs(change), axis=0)) ** 2
     return 0.5 * np.nanmean(change**2, axis=0)
 
 
 def _variance(x: Floats, scale: Scale) -> Floats:
     if scale == "mad":
-        return (_MAD_TO_STD * np.nanmedian(np.abs(x - np.nanmedian(x, axis=0)), axis=0)) ** 2
+        return (SIGMA_PER_MAD * np.nanmedian(np.abs(x - np.nanmedian(x, axis=0)), axis=0)) ** 2
     return np.nanvar(x, axis=0)
 
 

@@ -11,7 +11,7 @@ from losbench.estimation.highbreakdown.search import Search, Units
 from losbench.estimation.influence import normal_mean
 from losbench.estimation.losses import Bisquare
 from losbench.estimation.robust.problem import Problem
-from losbench.estimation.robust.scales import MAD_TO_SIGMA
+from losbench.units import MAD_PER_SIGMA
 
 __all__ = ["MScale"]
 
@@ -45,7 +45,7 @@ class MScale:
         """
         sizes = self._sizes(residuals)
         return np.maximum(
-            np.partition(sizes, self._half, axis=-1)[..., self._half] / MAD_TO_SIGMA, self._floor
+            np.partition(sizes, self._half, axis=-1)[..., self._half] / MAD_PER_SIGMA, self._floor
         )
 
     def better(self, residuals: Floats, size: Floats, rounds: int = 100) -> Floats:

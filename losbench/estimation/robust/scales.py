@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from losbench.arrays import Floats, Indices
 from losbench.checks import choice, positive
 from losbench.estimation.robust.problem import Problem
+from losbench.units import MAD_PER_SIGMA
 
-__all__ = ["MAD_TO_SIGMA", "Scale", "ScaleRule", "known_scale", "pools"]
+__all__ = ["Scale", "ScaleRule", "known_scale", "pools"]
 
 Scale = str | float | ArrayLike | Callable[[Floats], ArrayLike]
 
-MAD_TO_SIGMA = 0.6744897501960817  # upper quartile of the standard normal distribution
 _CANCELLED = 1e-3  # share of the mean square below which a variance is not to be had by subtraction
 
 
@@ -26,7 +26,7 @@ def _median_absolute(residuals: Floats) -> Floats:
     ordered = np.partition(np.abs(residuals), half, axis=-1)
     upper = ordered[..., half]
     median = upper if size % 2 else 0.5 * (upper + ordered[..., :half].max(axis=-1))
-    return median / MAD_TO_SIGMA
+    return median / MAD_PER_SIGMA
 
 
 def _median_of_rest(residuals: Floats, dropped: int) -> Floats:

@@ -10,16 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
-from losbench.checks import choice, finite, finite_or_nan, integer, number, shaped
+from losbench.checks import choice, finite, finite_or_nan, integer, named_twice, number, shaped
 from losbench.imaging.detector import Detector
 from losbench.imaging.smeared.cutting import Cut, cut_windows, take_windows
-from losbench.imaging.smeared.measuring import (
-    Method,
-    Recipe,
-    Scene,
-    measure_jointly,
-    measure_singly,
-)
+from losbench.imaging.smeared.measuring import Scene, measure_jointly, measure_singly
+from losbench.imaging.smeared.methods import METHODS, Joint, MethodName, Recipe
 from losbench.imaging.smeared.model import spot_width
 from losbench.imaging.smeared.result import AidedCentroids
 from losbench.imaging.smeared.solvers import Stop
@@ -27,6 +22,8 @@ from losbench.optics.camera import Camera
 from losbench.optics.motion.path import EPOCHS, AttitudePath, Epoch
 
 __all__ = ["aided_centroid"]
+
+_OWN_REGION = {"data": False, "own": True}
 
 
 def aided_centroid(
@@ -36,19 +33,21 @@ def aided_centroid(
     path: AttitudePath,
     camera: Camera,
     sigma: ArrayLike,
-    method: Method = "iterative",
+    method: MethodName = "iterative",
     epoch: Epoch = "end",
     origin: ArrayLike | None = None,
     window: int | None = None,
     background: str | ArrayLike = "border",
-    noise: Detector | None = None,
-    full_scale: float | None = None,
+    detector: Detector | None = None,
+    full_scale_dn: float | None = None,
     threshold: float | None = None,
     region: Literal["data", "own"] = "data",
     predicted: ArrayLike | None = None,
     rate_prior_rad_s: float = 0.0,
     tolerance: float = 1e-5,
     max_iter: int = 50,
+    noise: Detector | None = None,
+    full_scale: float | None = None,
 ) -> AidedCentroids:
     """Find where smeared stars were at one moment of the exposure.
 
@@ -80,12 +79,12 @@ def aided_centroid(
         five sigma on either side.
     background : "border", or float or array that broadcasts to (..., n)
         Subtracted from the pixels; "border" takes the median of each window's outermost ones.
-    noise : Detector, optional
+    detector : Detector, optional
         Gain, read noise and offset. Without it all pixels of a window count the same, with the
         scatter of its border.
-    full_scale : float, optional
-        Reading of a saturated pixel, left out of data and model; by default that of ``noise``, else
-        the largest number of an integer type.
+    full_scale_dn : float, optional
+        Reading of a saturated pixel, left out of data and model; by default that of the detector,
+        else the largest number of an integer type.
     threshold : float, optional
         Only pixels above that part of a star's flux count.
     region : "data" or "own"
@@ -101,6 +100,8 @@ def aided_centroid(
     tolerance : float, pixels
         The iteration ends with a step below it.
     max_iter : int
+    noise, full_scale
+        Second words for ``detector`` and ``full_scale_dn``.
 
     Returns
     -------
@@ -146,24 +147,24 @@ def aided_centroid(
     >>> stars.xy.round(4).tolist(), bool(stars.converged)
     ([[100.3, 200.8]], True)
     """
-    choice("method", method, ("iterative", "closed_form", "least_squares", "joint"))
-    choice("region", region, ("data", "own"))
-    choice("epoch", epoch, EPOCHS)
-    if noise is not None and not isinstance(noise, Detector):
-        raise ValueError(f"noise must be a Detector, got {noise!r}")
+    chosen = METHODS[choice("method", method, METHODS)]
+    own_region = _OWN_REGION[choice("region", region, _OWN_REGION)]
+    word, camera_noise = named_twice("detector", detector, None, noise=noise)
+    if camera_noise is not None and not isinstance(camera_noise, Detector):
+        raise ValueError(f"{word} must be a Detector, got {camera_noise!r}")
     part = None if threshold is None else number("threshold", threshold, low=0.0, high=1.0)
-    if region == "own" and part is None:
+    if own_region and part is None:
         raise ValueError(
             "region 'own' needs a threshold: without one every pixel counts on both sides"
         )
-    if (predicted is None) == (method == "joint"):
+    if (predicted is None) == isinstance(chosen, Joint):
         raise ValueError("predicted must be given for method 'joint', and for no other")
     how = Recipe(
-        method=method,
-        epoch=epoch,
-        noise=noise,
+        method=chosen,
+        epoch=EPOCHS.index(choice("epoch", epoch, EPOCHS)),
+        detector=camera_noise,
         threshold=part,
-        own_region=region == "own",
+        own_region=own_region,
         stop=Stop(number("tolerance", tolerance, low=1e-12), integer("max_iter", max_iter, low=1)),
     )
     width = spot_width(sigma)
@@ -183,10 +184,14 @@ def aided_centroid(
         sigma=width,
         cut=cut,
         background=_background(background, cut),
-        full_scale=_full_scale(np.asanyarray(frames).dtype, noise, full_scale),
+        full_scale=_full_scale(
+            np.asanyarray(frames).dtype,
+            camera_noise,
+            named_twice("full_scale_dn", full_scale_dn, None, full_scale=full_scale),
+        ),
     )
-    if predicted is None:
-        return measure_singly(scene, how)
+    if not isinstance(chosen, Joint):
+        return measure_singly(scene, how, chosen)
     places = np.asarray(predicted, dtype=np.float64)
     shaped("predicted", places, (*cut.batch, cut.stars, 2), why=f"to match {cut.stars} stars")
     if cut.stars < 2:
@@ -212,9 +217,12 @@ def _background(background: str | ArrayLike, cut: Cut) -> Floats | None:
         ) from None
 
 
-def _full_scale(dtype: np.dtype[Any], noise: Detector | None, given: float | None) -> float:
+def _full_scale(
+    dtype: np.dtype[Any], detector: Detector | None, named: tuple[str, float | None]
+) -> float:
+    word, given = named
     if given is not None:
-        return number("full_scale", given)
-    if noise is not None:
-        return float(np.floor(noise.full_scale_dn))
+        return number(word, given)
+    if detector is not None:
+        return float(np.floor(detector.full_scale_dn))
     return float(np.iinfo(dtype).max) if dtype.kind in "ui" else np.inf

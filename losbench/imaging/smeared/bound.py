@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
-from losbench.checks import finite, non_negative, shaped
+from losbench.checks import finite, named_twice, non_negative, shaped
 from losbench.imaging.detector import Detector
 from losbench.imaging.smeared.model import StreakModel, spot_width
 from losbench.optics.camera import Camera
@@ -26,8 +26,9 @@ def streak_bound(
     path: AttitudePath,
     camera: Camera,
     sigma: ArrayLike,
-    noise: Detector,
+    detector: Detector | None = None,
     background: float = 0.0,
+    noise: Detector | None = None,
 ) -> Floats:
     """Cramer-Rao bound of the position of a smeared star whose path and width are known and whose
     flux is not.
@@ -40,9 +41,11 @@ def streak_bound(
     path : AttitudePath
     camera : Camera
     sigma : float or (sx, sy), pixels
-    noise : Detector
+    detector : Detector
     background : float, DN
         Reading of a pixel without star, the offset included.
+    noise
+        Second word for ``detector``.
 
     Returns
     -------
@@ -65,19 +68,24 @@ def streak_bound(
     >>> camera = Camera(focal_mm=36.6097, pixel_um=10.0, shape=(512, 512))
     >>> rest = gyro_path(np.zeros((5, 3)), interval_s=0.005, exposure_s=0.025)
     >>> bound = streak_bound(
-    ...     [[100.5, 99.5]], 1e6, path=rest, camera=camera, sigma=2.0, noise=Detector()
+    ...     [[100.5, 99.5]], 1e6, path=rest, camera=camera, sigma=2.0, detector=Detector()
     ... )
     >>> bound.round(5).tolist()  # near sigma / sqrt(flux) where the star outshines the read noise
     [[0.00202, 0.00202]]
     """
     places, width = finite("xy", xy), spot_width(sigma)
     shaped("xy", places, ("...", "n", 2))
+    word, seen_by = named_twice("detector", detector, None, noise=noise)
+    if not isinstance(seen_by, Detector):
+        raise ValueError(f"{word} must be a Detector, got {seen_by!r}")
     tracks = path.tracks(places, camera)
     light = np.broadcast_to(non_negative("flux", flux), tracks.shape[:-2]).ravel()
     flat = tracks.reshape(-1, *tracks.shape[-2:])
     size = int(np.ceil(np.ptp(flat, axis=1).max() + 2 * _REACH_SIGMAS * width.max() + 1))
     origin = np.rint((flat.max(axis=1) + flat.min(axis=1)) / 2 - size / 2)
-    dark = max(float(noise.variance_dn(background)), float(noise.variance_dn(noise.offset_dn)))
+    dark = max(
+        float(seen_by.variance_dn(background)), float(seen_by.variance_dn(seen_by.offset_dn))
+    )
     bounds = np.empty((len(flat), 2))
     for first in range(0, len(flat), _BLOCK):
         part = slice(first, first + _BLOCK)
@@ -87,7 +95,7 @@ def streak_bound(
         )
         seen = model.gradient(flat[part])
         flux_here = light[part, None, None]
-        variance = seen.image * flux_here / noise.gain_e_per_dn + dark
+        variance = seen.image * flux_here / seen_by.gain_e_per_dn + dark
         columns = np.stack([seen.by_x * flux_here, seen.by_y * flux_here, seen.image], axis=1)
         columns = columns.reshape(len(columns), 3, -1)
         information = (columns / variance.reshape(len(columns), 1, -1)) @ np.swapaxes(columns, 1, 2)

@@ -6,53 +6,28 @@ import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Literal
+from functools import cached_property, partial
 
 import numpy as np
 
 from losbench.arrays import Bools, Floats, Indices, Ints
-from losbench.imaging.detector import Detector
 from losbench.imaging.results import SpotFlag
 from losbench.imaging.smeared.cutting import Cut
 from losbench.imaging.smeared.joint import solve_jointly
+from losbench.imaging.smeared.methods import NARROWEST, Joint, Recipe, Single
 from losbench.imaging.smeared.model import StreakModel, carried
 from losbench.imaging.smeared.result import AidedCentroids
-from losbench.imaging.smeared.solvers import (
-    Region,
-    Solution,
-    Stop,
-    closed_form,
-    iterate,
-    least_squares,
-)
+from losbench.imaging.smeared.solvers import closed_form
 from losbench.imaging.smeared.windows import Windows, prepare
 from losbench.optics.camera import Camera
-from losbench.optics.motion.path import EPOCHS, AttitudePath, Epoch
+from losbench.optics.motion.path import AttitudePath
+from losbench.records import changed, join
 
-__all__ = ["Method", "Recipe", "Scene", "measure_jointly", "measure_singly"]
+__all__ = ["Scene", "measure_jointly", "measure_singly"]
 
-Method = Literal["iterative", "closed_form", "least_squares", "joint"]
-
-# Stars at a time: what a method makes of them fits the cache.
-_BLOCKS = {"closed_form": 1024, "iterative": 256, "least_squares": 128, "joint": 128}
-_DAMPING = 0.5
-_NARROWEST = 0.25  # pixels; the iteration for a star at rest contracts above a sigma of 0.1995 only
 _FAINTEST = 5.0  # flux in units of its error
 _CROWDED_SIGMAS = 6.0
 _WHOLE_SIGMAS = 3.0  # of a star on either side of its track, for its window to hold it
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """How to measure; the same for all stars of a call."""
-
-    method: Method
-    epoch: Epoch
-    noise: Detector | None
-    threshold: float | None
-    own_region: bool
-    stop: Stop
 
 
 @dataclass(frozen=True)
@@ -105,29 +80,30 @@ class Scene:
             self.cut.pixels[part],
             self.cut.origin[part],
             background=level,
-            noise=how.noise,
+            detector=how.detector,
             full_scale=self.full_scale,
         )
         return windows if how.threshold is None else windows.above(how.threshold)
 
 
-def measure_singly(scene: Scene, how: Recipe) -> AidedCentroids:
+def measure_singly(scene: Scene, how: Recipe, method: Single) -> AidedCentroids:
     """Measure every star on its own."""
     path, camera, image = scene.exposures, scene.camera, scene.cut.image
-    epoch = EPOCHS.index(how.epoch)
     found, boxes = [], []
-    for part in _blocks(len(image), _BLOCKS[how.method]):
+    for part in _blocks(len(image), method.block):
         of, data = image[part], scene.block(part, how)
-        solution = closed_form(data, camera, path.mean_back[of])
-        if how.method != "closed_form":
-            model = StreakModel.of(path, of, camera, scene.sigma, data.origin, data.light.shape[1:])
-            solution = _refined(
-                model, data, how, solution, scene.cut.pixels[part] < scene.full_scale
-            )
+        size = data.light.shape[1:]
+        solution = method.refined(
+            partial(StreakModel.of, path, of, camera, scene.sigma, data.origin, size),
+            data,
+            how,
+            closed_form(data, camera, path.mean_back[of]),
+            scene.cut.pixels[part] < scene.full_scale,
+        )
         boxes.append(scene.boxes(solution.xy, of))
         found.append(
             AidedCentroids(
-                carried(camera, solution.xy, path.epochs[of, epoch]),
+                carried(camera, solution.xy, path.epochs[of, how.epoch]),
                 np.sqrt(np.diagonal(solution.cov, axis1=1, axis2=2)),
                 solution.flux,
                 solution.n_iter,
@@ -143,11 +119,10 @@ def measure_jointly(
 ) -> AidedCentroids:
     """Measure the stars of each image together."""
     path, camera, stars = scene.exposures, scene.camera, scene.cut.stars
-    epoch = EPOCHS.index(how.epoch)
     known = ~np.isnan(predicted).any(axis=-1, keepdims=True).reshape(-1, stars, 1)
     places = np.where(known, predicted.reshape(-1, stars, 2), np.asarray(camera.principal_px))
     found, boxes, joints = [], [], []
-    for part in _blocks(len(places), max(1, _BLOCKS["joint"] // stars)):
+    for part in _blocks(len(places), max(1, Joint.block // stars)):
         some = slice(part.start * stars, part.stop * stars)
         here, of, data = (
             path.part(part),
@@ -155,9 +130,9 @@ def measure_jointly(
             scene.block(some, how).only(known[part].ravel()),
         )
         model = StreakModel.of(path, of, camera, scene.sigma, data.origin, data.light.shape[1:])
-        to_start = np.swapaxes(here.epochs[:, None, epoch], -1, -2)
+        to_start = np.swapaxes(here.epochs[:, None, how.epoch], -1, -2)
         start = carried(camera, places[part], to_start)
-        epoch_s = epoch / 2 * path.exposure_s
+        epoch_s = how.epoch / 2 * path.exposure_s
         joint = solve_jointly(
             model, data, here, epoch_s, start, how.stop, rate_prior_rad_s=rate_prior_rad_s
         )
@@ -172,42 +147,21 @@ def measure_jointly(
         told = np.where(np.isnan(sigma_xy), np.nan, xy.reshape(-1, 2))
         found.append(AidedCentroids(told, sigma_xy, joint.flux.ravel(), rounds, settled, flags))
         joints.append(joint)
-    turn, rate = (
-        np.concatenate([getattr(joint, name) for joint in joints]).reshape(*scene.cut.batch, 3)
-        for name in ("turn_rad", "rate_rad_s")
+    joint = join(joints)
+    return replace(
+        _finished(found, boxes, scene, how),
+        turn_rad=joint.turn_rad.reshape(*scene.cut.batch, 3),
+        rate_rad_s=joint.rate_rad_s.reshape(*scene.cut.batch, 3),
     )
-    return replace(_finished(found, boxes, scene, how), turn_rad=turn, rate_rad_s=rate)
-
-
-def _refined(
-    model: StreakModel, data: Windows, how: Recipe, first: Solution, read: Bools
-) -> Solution:
-    if how.method == "least_squares":
-        return least_squares(model, data, how.stop, first)
-    region = (
-        Region(read, how.threshold)
-        if how.own_region and how.threshold is not None
-        else Region(data.used)
-    )
-    narrow = model.sigma.min() < _NARROWEST
-    found = iterate(model, data, region, how.stop, first, damping=_DAMPING if narrow else 1.0)
-    # What follows the star poorly: a spot inside one pixel, a spot whose core is missing.
-    poor = (narrow & ~found.converged) | data.saturated
-    if not poor.any():
-        return found
-    polished = least_squares(model, data, how.stop, found)
-    return found.where(~(poor & polished.converged), polished)
 
 
 def _finished(
     found: list[AidedCentroids], boxes: list[Floats], scene: Scene, how: Recipe
 ) -> AidedCentroids:
     """Join the blocks and look at neighbours."""
-    names = ("xy", "sigma_xy", "flux", "n_iter", "converged", "flags")
-    flat = [np.concatenate([getattr(part, name) for part in found]) for name in names]
-    result = AidedCentroids(*(array.reshape(*scene.shape, *array.shape[1:]) for array in flat))
+    result = changed(join(found), lambda flat: flat.reshape(*scene.shape, *flat.shape[1:]))
     result.flags[_crowded(np.concatenate(boxes), scene)] |= SpotFlag.NEIGHBOUR
-    if how.method == "iterative" and scene.sigma.min() < _NARROWEST:
+    if how.method.slow_if_narrow and scene.sigma.min() < NARROWEST:
         result.flags[...] |= SpotFlag.SLOW
     failed = int(np.count_nonzero(result.flags & SpotFlag.NOT_CONVERGED))
     if failed:

@@ -11,11 +11,10 @@ import numpy as np
 
 from losbench.arrays import Bools, Floats, Indices
 from losbench.imaging.detector import Detector
+from losbench.records import take
+from losbench.units import SIGMA_PER_MAD
 
 __all__ = ["Windows", "centre_covariance", "grey_centre", "prepare"]
-
-
-_NORMAL_MAD = 1.482602218505602  # a normal sigma over its median absolute deviation
 
 
 @dataclass(frozen=True)
@@ -80,12 +79,7 @@ class Windows:
 
     def keep(self, chosen: Indices) -> Windows:
         """Return the windows of some of the stars."""
-        parts = {
-            name: getattr(self, name)[chosen]
-            for name in self.__dataclass_fields__
-            if name != "shot_variance"
-        }
-        return Windows(shot_variance=self.shot_variance, **parts)
+        return take(self, chosen)
 
     def only(self, known: Bools) -> Windows:
         """Return the windows with those of the stars that are not ``known`` (M,) blanked out."""
@@ -105,7 +99,7 @@ def prepare(
     origin: Floats,
     *,
     background: Floats | None,
-    noise: Detector | None,
+    detector: Detector | None,
     full_scale: float,
 ) -> Windows:
     """Make windows from raw pixels (M, h, w), NaN where nothing was read.
@@ -115,7 +109,7 @@ def prepare(
     """
     count = len(pixels)
     under, scatter = background, np.empty(0)
-    if under is None or noise is None:
+    if under is None or detector is None:
         level, scatter = _border(pixels)
         under = level if under is None else under
     light = pixels - under[:, None, None]
@@ -127,11 +121,11 @@ def prepare(
         used = ~(full | unread)
         light = np.where(used, light, 0.0)
         states = np.stack([full.any(axis=(1, 2)), unread.any(axis=(1, 2)), unread.all(axis=(1, 2))])
-    if noise is None:
+    if detector is None:
         return Windows(light, used, origin, under, scatter**2, 0.0, *states)
-    darkest = float(noise.variance_dn(noise.offset_dn))
-    dark = np.maximum(noise.variance_dn(under), darkest)
-    return Windows(light, used, origin, under, dark, 1.0 / noise.gain_e_per_dn, *states)
+    darkest = float(detector.variance_dn(detector.offset_dn))
+    dark = np.maximum(detector.variance_dn(under), darkest)
+    return Windows(light, used, origin, under, dark, 1.0 / detector.gain_e_per_dn, *states)
 
 
 def grey_centre(light: Floats, origin: Floats) -> Floats:
@@ -189,4 +183,4 @@ def _border(pixels: Floats) -> tuple[Floats, Floats]:
     edge[np.isnan(edge).all(axis=1)] = 0.0
     middle = np.nanmedian if np.isnan(edge).any() else np.median
     level = np.asarray(middle(edge, axis=1))
-    return level, _NORMAL_MAD * np.asarray(middle(np.abs(edge - level[:, None]), axis=1))
+    return level, SIGMA_PER_MAD * np.asarray(middle(np.abs(edge - level[:, None]), axis=1))

@@ -11,7 +11,7 @@ from losbench.estimation.breakdown import design_breakdown
 from losbench.estimation.influence import efficiency
 from losbench.estimation.losses import Huber
 from losbench.estimation.robust import irls, lstsq
-from losbench.estimation.robust.scales import MAD_TO_SIGMA
+from losbench.units import MAD_PER_SIGMA
 from losbench.workbench.explorers.lab.smallsystems import spot_rows
 
 __all__ = [
@@ -82,14 +82,14 @@ def data_03(rng: np.random.Generator) -> SimpleNamespace:
 def judge_03(d: SimpleNamespace, answer: Any) -> str:
     """Judge: the scale by the median."""
     raw, answer = float(np.median(np.abs(d.residuals))), np.squeeze(answer)
-    if close(answer, raw / MAD_TO_SIGMA):
+    if close(answer, raw / MAD_PER_SIGMA):
         return ""
     if close(answer, raw):
         return (
             "The median of |r| of normal errors is not their standard deviation. By what must it "
             "be divided?"
         )
-    if close(answer, np.median(np.abs(d.residuals - np.median(d.residuals))) / MAD_TO_SIGMA):
+    if close(answer, np.median(np.abs(d.residuals - np.median(d.residuals))) / MAD_PER_SIGMA):
         return (
             "Residuals of a fit have their centre where the fit puts it. About which value are "
             "they measured here?"
