@@ -35,7 +35,6 @@ from .estimation.solvers import LeastSquares as LeastSquares
 from .estimation.stability import ErrorSplit as ErrorSplit
 from .estimation.stability import lsfe as lsfe
 from .estimation.stability import nea as nea
-from .estimation.stability import sliding_mean as sliding_mean
 from .estimation.stability import split_error as split_error
 from .imaging.background import Level as Level
 from .imaging.background import Ring as Ring
@@ -101,6 +100,7 @@ from .recording.measure import measure as measure
 from .recording.readers import Recording as Recording
 from .recording.readers import read_recording as read_recording
 from .recording.report import write_report as write_report
+from .series import sliding_mean as sliding_mean
 from .telemetry.correct import correct_telemetry as correct_telemetry
 from .workbench import explorers as explorers
 from .workbench.ledger.verdicts import Ledger as Ledger

@@ -22,12 +22,14 @@ __all__ = [
     "finite",
     "finite_or_nan",
     "generator",
+    "increasing",
     "integer",
     "named_twice",
     "non_negative",
     "number",
     "odd",
     "positive",
+    "rotation",
     "shaped",
     "unmasked",
 ]
@@ -114,12 +116,35 @@ def integer(name: str, value: object, *, low: int | None = None, high: int | Non
     return int(value)
 
 
-def odd(name: str, value: object, *, low: int = 1) -> int:
+def odd(name: str, value: object, *, low: int = 1, why: str = "") -> int:
     """Return ``value`` as an odd int of at least ``low``."""
     side = integer(name, value, low=low)
     if side % 2 == 0:
-        raise ValueError(f"{name} must be odd, got {side}")
+        raise ValueError(f"{name} must be odd{', ' + why if why else ''}, got {side}")
     return side
+
+
+def increasing(name: str, value: ArrayLike) -> Floats:
+    """Return ``value`` as a float array (n,) each of whose elements exceeds the one before it."""
+    t = finite(name, value, ndim=1)
+    late = np.diff(t) <= 0
+    if late.any():
+        k = int(np.argmax(late)) + 1
+        kind = "equals" if t[k] == t[k - 1] else "is before"
+        unit = " s" if name.endswith("_s") else ""
+        raise ValueError(
+            f"{name} must increase, but sample {k} at {t[k]:g}{unit} {kind} the one before it"
+        )
+    return t
+
+
+def rotation(name: str, value: ArrayLike) -> Floats:
+    """Return ``value`` as a float array (3, 3) that is a proper rotation to a millionth."""
+    matrix = finite(name, value)
+    shaped(name, matrix, (3, 3))
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
+        raise ValueError(f"{name} must be a rotation matrix: orthonormal rows, determinant +1")
+    return matrix
 
 
 def boolean(name: str, value: object) -> bool:

@@ -11,12 +11,11 @@ from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 __all__ = ["changed", "join", "put", "stack", "take"]
 
 Record = TypeVar("Record", bound=Any)  # a dataclass
-Array = NDArray[Any]
+Array = Any  # NDArray[Any], or a NumPy scalar where a record has no axes
 
 
 def changed(
@@ -69,9 +68,9 @@ def _together(records: Sequence[Record], gather: Callable[[list[Array]], Array])
 
 
 def _arrays(record: Any, only: Collection[str] | None) -> dict[str, Array]:
-    held = {each.name: getattr(record, each.name) for each in fields(record)}
+    held: dict[str, Any] = {each.name: getattr(record, each.name) for each in fields(record)}
     return {
         name: value
         for name, value in held.items()
-        if isinstance(value, np.ndarray) and (only is None or name in only)
+        if isinstance(value, np.ndarray | np.generic) and (only is None or name in only)
     }

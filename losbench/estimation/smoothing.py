@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats
 from losbench.checks import finite_or_nan, non_negative
+from losbench.records import changed, stack
 
 __all__ = ["Smoothed", "kalman_smooth"]
 
@@ -109,13 +110,7 @@ def kalman_smooth(series: ArrayLike, *, variances: ArrayLike | None = None) -> S
         )
         warnings.warn(message, RuntimeWarning, stacklevel=2)
     shape = y.shape[1:]
-    stacked = {
-        name: np.stack([getattr(fit, name) for fit in fits], axis=-1)
-        for name in Smoothed.__annotations__
-    }
-    return Smoothed(
-        **{name: values.reshape(values.shape[:-1] + shape) for name, values in stacked.items()}
-    )
+    return changed(stack(fits, axis=-1), lambda array: array.reshape(array.shape[:-1] + shape))
 
 
 def _given(variances: ArrayLike, shape: tuple[int, ...]) -> Floats:

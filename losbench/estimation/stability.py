@@ -7,19 +7,20 @@ missing sample, and neither a mean nor a difference reaches across it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
-from losbench.checks import boolean, choice, finite, finite_or_nan, integer, shaped
+from losbench.checks import boolean, choice, finite_or_nan
 from losbench.estimation.memory import variance_sampling
+from losbench.records import changed
+from losbench.series import sliding_mean
 from losbench.units import SIGMA_PER_MAD
 
-__all__ = ["ErrorSplit", "lsfe", "mark_gaps", "nea", "sliding_mean", "split_error"]
+__all__ = ["ErrorSplit", "lsfe", "nea", "split_error"]
 
 Scale = Literal["std", "mad"]
 
@@ -56,8 +57,7 @@ class ErrorSplit:
 
     def per_camera(self) -> ErrorSplit:
         """Return the split of one of two equal and independent cameras: everything over sqrt(2)."""
-        names = ("total", "lsfe", "nea", "total_sigma", "lsfe_sigma", "nea_sigma")
-        return replace(self, **{name: getattr(self, name) / np.sqrt(2.0) for name in names})
+        return changed(self, lambda error: error / np.sqrt(2.0))
 
 
 def lsfe(
@@ -212,65 +212,6 @@ def split_error(
         window=window,
         unbiased=unbiased,
     )
-
-
-def sliding_mean(series: ArrayLike, window: int = 5) -> Floats:
-    """Centred mean of ``window`` samples along axis 0, (n - window + 1, ...); NaN where a sample is
-    missing.
-
-    >>> sliding_mean([1.0, 2.0, 6.0, 4.0], 3).tolist()
-    [3.0, 4.0]
-    """
-    x = finite_or_nan("series", series)
-    if integer("window", window, low=3) % 2 == 0:
-        raise ValueError(f"window must be odd, so that its mean belongs to a sample, got {window}")
-    if len(x) < window:
-        raise ValueError(
-            f"series must hold at least {window} samples for a window of {window}, got {len(x)}"
-        )
-    mean = sliding_window_view(x, window, axis=0).mean(axis=-1)
-    if np.isnan(mean).all():
-        raise ValueError(
-            f"series must hold a run of {window} samples without a gap for a window of {window}"
-        )
-    return mean
-
-
-def mark_gaps(time_s: ArrayLike, series: ArrayLike) -> Floats:
-    """Put one NaN row between any two samples that are not neighbours in time, so that nothing is
-    taken across.
-
-    Parameters
-    ----------
-    time_s : (n,) array, seconds
-        Increasing. A step is a gap where it exceeds the median step by more than half.
-    series : (n, ...) array, any unit
-
-    Returns
-    -------
-    (n + gaps, ...) array
-
-    Raises
-    ------
-    ValueError
-        If the times do not increase or their number does not fit.
-
-    Examples
-    --------
-    >>> mark_gaps([0.0, 1.0, 2.0, 5.0], [7.0, 8.0, 9.0, 4.0]).tolist()
-    [7.0, 8.0, 9.0, nan, 4.0]
-    """
-    t, x = finite("time_s", time_s, ndim=1), finite_or_nan("series", series)
-    shaped("series", x, (len(t), *x.shape[1:]), why=f"to match {len(t)} times")
-    step = np.diff(t)
-    if (step <= 0).any():
-        raise ValueError(
-            f"time_s must increase, but sample {int(np.argmax(step <= 0)) + 1} does not follow the "
-            "last"
-        )
-    if len(t) < 3:
-        return x
-    return np.insert(x, np.flatnonzero(step > 1.5 * np.median(step)) + 1, np.nan, axis=0)
 
 
 def _noise_variance(x: Floats, scale: Scale) -> Floats:

@@ -97,6 +97,11 @@ class Camera:
         """Pixel pitch in the unit of :meth:`points_mm`: turns shifts in pixels into millimetres."""
         return self.pixel_um * 1e-3
 
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels: a ray's slope becomes as many."""
+        return self.focal_mm / self.pixel_mm
+
     def points_mm(self, xy_px: ArrayLike) -> Floats:
         """Return the rays (x, y, f) in millimetres, (..., 3), of pixels (x, y), (..., 2); NaN stays
         NaN.
@@ -113,9 +118,7 @@ class Camera:
         points = finite_or_nan("points_mm", points_mm)
         shaped("points_mm", points, ("...", 3))
         ahead = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
-        return points[..., :2] / ahead * (self.focal_mm / self.pixel_mm) + np.asarray(
-            self.principal_px
-        )
+        return points[..., :2] / ahead * self.focal_px + np.asarray(self.principal_px)
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Self:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats, Ints
-from losbench.checks import finite, integer, number, shaped
+from losbench.checks import integer, number, rotation
 from losbench.optics.camera import Camera
 from losbench.resources import data_file
 
@@ -117,10 +117,7 @@ class Catalogue:
         >>> int(polaris)
         11767
         """
-        turn = finite("attitude", attitude)
-        shaped("attitude", turn, (3, 3))
-        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
-            raise ValueError("attitude must be a rotation matrix: orthonormal rows, determinant +1")
+        turn = rotation("attitude", attitude)
         bright = self.magnitude <= (np.inf if faintest == np.inf else number("faintest", faintest))
         rows, columns = camera.shape
         corners = camera.points_mm(

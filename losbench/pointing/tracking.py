@@ -6,17 +6,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats, Indices
-from losbench.checks import finite, finite_or_nan, integer, number, positive, shaped
+from losbench.checks import finite_or_nan, increasing, integer, number, positive, shaped
 from losbench.estimation.solvers import IRLS, SOLVERS, Solver, as_part, pooling, read_solver
 from losbench.optics.camera import Model, design_matrix
 from losbench.pointing.attitude.blocks import distinct_points
+from losbench.records import join
 from losbench.units import rad_to_arcsec
 
 __all__ = ["AttitudeTrack", "track_attitude"]
@@ -158,9 +158,7 @@ def track_attitude(
         )
         for first in range(0, frames, _CHUNK)
     ]
-    track = AttitudeTrack(
-        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    )
+    track = join(parts)
     failed = int(np.count_nonzero(~track.converged & np.isfinite(track.angles[:, 0])))
     if failed:
         warnings.warn(
@@ -175,11 +173,8 @@ def track_attitude(
 def _times(time_s: ArrayLike | None, frames: int) -> Floats:
     if time_s is None:
         return np.arange(float(frames))
-    time = finite("time_s", time_s, ndim=1)
-    shaped("time_s", time, (frames,), why=f"to match {frames} frames")
-    if (np.diff(time) <= 0).any():
-        raise ValueError("time_s must rise from frame to frame")
-    return time
+    shaped("time_s", np.asarray(time_s), (frames,), why=f"to match {frames} frames")
+    return increasing("time_s", time_s)
 
 
 def _solve_windows(
@@ -190,7 +185,7 @@ def _solve_windows(
     size: int,
     model: Model,
     solver: Solver,
-) -> dict[str, Any]:
+) -> AttitudeTrack:
     """Solve the windows about ``frames``, those with equally many spots in one batch."""
     count, n = len(frames), len(points)
     first = np.clip(frames - size // 2, 0, len(time) - size)
@@ -204,16 +199,7 @@ def _solve_windows(
     seen = shifts[inside].reshape(count, size * n, 2)
     present = np.isfinite(seen).all(axis=-1)
     own = (frames - first)[:, None] * n + np.arange(n)
-    found: dict[str, Any] = {
-        "angles": np.full((count, 3), np.nan),
-        "rates": np.full((count, 3), np.nan),
-        "cov": np.full((count, 6, 6), np.nan),
-        "residuals": np.full((count, n, 2), np.nan),
-        "weights": np.zeros((count, n, 2)),
-        "scale": np.full(count, np.nan),
-        "bad": np.zeros((count, n), dtype=bool),
-        "converged": np.zeros(count, dtype=bool),
-    }
+    found = _unsolved(count, n)
     for spots, members in _alike(present, size, n):
         chosen = np.argsort(~present[members], axis=1, kind="stable")[:, :spots]
         places = members[:, None], chosen
@@ -222,18 +208,33 @@ def _solve_windows(
             seen[places].reshape(len(members), -1),
             group=np.arange(2 * spots) // 2,
         )
-        found["angles"][members], found["rates"][members] = fit.x[:, :3], fit.x[:, 3:]
-        for name in ("cov", "scale", "converged"):
-            found[name][members] = getattr(fit, name)
-        for name in ("residuals", "weights"):
-            whole = np.full((len(members), size * n, 2), np.nan if name == "residuals" else 0.0)
+        found.angles[members], found.rates[members] = fit.x[:, :3], fit.x[:, 3:]
+        found.cov[members], found.scale[members] = fit.cov, fit.scale
+        found.converged[members] = fit.converged
+        for per_frame, values, missing in (
+            (found.residuals, fit.residuals, np.nan),
+            (found.weights, fit.weights, 0.0),
+        ):
+            whole = np.full((len(members), size * n, 2), missing)
             np.put_along_axis(
-                whole, chosen[..., None], getattr(fit, name).reshape(len(members), spots, 2), axis=1
+                whole, chosen[..., None], values.reshape(len(members), spots, 2), axis=1
             )
-            found[name][members] = np.take_along_axis(whole, own[members][..., None], axis=1)
-    sizes = np.sqrt(np.mean(found["residuals"] ** 2, axis=-1))
-    found["bad"] = sizes > _BAD * found["scale"][:, None]
-    return found
+            per_frame[members] = np.take_along_axis(whole, own[members][..., None], axis=1)
+    sizes = np.sqrt(np.mean(found.residuals**2, axis=-1))
+    return replace(found, bad=sizes > _BAD * found.scale[:, None])
+
+
+def _unsolved(count: int, n: int) -> AttitudeTrack:
+    return AttitudeTrack(
+        angles=np.full((count, 3), np.nan),
+        rates=np.full((count, 3), np.nan),
+        cov=np.full((count, 6, 6), np.nan),
+        residuals=np.full((count, n, 2), np.nan),
+        weights=np.zeros((count, n, 2)),
+        scale=np.full(count, np.nan),
+        bad=np.zeros((count, n), dtype=bool),
+        converged=np.zeros(count, dtype=bool),
+    )
 
 
 def _alike(present: Bools, size: int, n: int) -> Iterator[tuple[int, Indices]]:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Floats, Ints
 from losbench.checks import integer
-from losbench.pointing.starcamera import CorrectedPair, correct_pair, split_tracks
+from losbench.pointing.starcamera import CorrectedPair, correct_pair
 from losbench.resources import free_folder, write_whole
+from losbench.series import split_tracks
 from losbench.tables.dialect import Dialect, DialectOptions
 from losbench.tables.moments import utc_after
 from losbench.telemetry.columns import TelemetryFormat

@@ -16,8 +16,8 @@ from losbench.pointing.starcamera import (
     QuaternionConvention,
     check_design,
     interpolate_attitude,
-    split_tracks,
 )
+from losbench.series import neighbours, split_tracks
 from losbench.tables import Dialect, Table, read_table
 from losbench.telemetry.columns import TelemetryFormat
 from losbench.units import ARCSEC_PER_RAD
@@ -238,10 +238,10 @@ def _check_order(t: Floats, what: str, rows: Ints) -> None:
 
 def _remarks(who: str, time_s: Floats, quaternions: Floats, position: Floats) -> list[str]:
     """What the reader of the results must know of one head."""
-    neighbours = np.diff(split_tracks(time_s)) == 0
+    beside = neighbours(time_s)
     gone = int(np.isnan(quaternions).any(axis=1).sum())
     dark = int(np.isnan(position).any(axis=(1, 2)).sum())
-    flips = int((neighbours & (np.vecdot(quaternions[1:], quaternions[:-1]) < 0)).sum())
+    flips = int((beside & (np.vecdot(quaternions[1:], quaternions[:-1]) < 0)).sum())
     lines = {
         f"{who}: {gone} rows without a quaternion.": gone,
         f"{who}: {dark} rows miss a spot.": dark,

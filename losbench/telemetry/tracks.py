@@ -8,7 +8,8 @@ import numpy as np
 
 from losbench.arrays import Floats
 from losbench.estimation.memory import variance_sampling
-from losbench.estimation.stability import mark_gaps, split_error
+from losbench.estimation.stability import split_error
+from losbench.series import mark_gaps
 from losbench.tables.moments import utc_after
 from losbench.telemetry.read import Telemetry
 

@@ -89,7 +89,7 @@ BAD = [
     ({"shifts": np.zeros((9, 2))}, r"shifts must have 3 dimensions, got shape \(9, 2\)"),
     ({"window": 2}, "window must be a whole number of at least 3, got 2"),
     ({"window": 10}, "window must not be longer than the 9 frames, got 10"),
-    ({"time_s": np.zeros(9)}, "time_s must rise from frame to frame"),
+    ({"time_s": np.zeros(9)}, "time_s must increase, but sample 1 at 0 s equals the one before it"),
     ({"time_s": np.zeros(8)}, r"time_s must have shape \(9,\) to match 9 frames, got \(8,\)"),
     ({"method": "best"}, "method must be one of 'irls', 'ls', 'lts', 'mm', got 'best'"),
     ({"sigma": 0.0}, "sigma must be positive, got 0"),

@@ -89,7 +89,7 @@ def streak_bound(
     bounds = np.empty((len(flat), 2))
     for first in range(0, len(flat), _BLOCK):
         part = slice(first, first + _BLOCK)
-        focal_px, principal = camera.focal_mm / camera.pixel_mm, np.asarray(camera.principal_px)
+        focal_px, principal = camera.focal_px, np.asarray(camera.principal_px)
         model = StreakModel(
             np.empty(0), path.share, focal_px, principal, width, origin[part], (size, size)
         )

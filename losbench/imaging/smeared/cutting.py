@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Floats, Indices
-from losbench.checks import finite, integer, shaped
+from losbench.checks import finite, odd, shaped
 from losbench.imaging.stamps import cut_stamps
 from losbench.optics.camera import Camera
 from losbench.optics.motion.path import AttitudePath
@@ -71,9 +71,7 @@ def cut_windows(
         )
     places = np.broadcast_to(given, (*batch, stars, 2)).reshape(-1, 2)
     rows, columns = camera.shape
-    size = _window(path, camera, sigma) if window is None else integer("window", window, low=3)
-    if size % 2 == 0:
-        raise ValueError(f"window must be odd, got {size}")
+    size = _window(path, camera, sigma) if window is None else odd("window", window, low=3)
     if size > min(rows, columns):
         raise ValueError(
             f"window of {size} x {size} pixels does not fit into frames of {rows} x {columns} "

@@ -66,7 +66,7 @@ class StreakModel:
         shape: tuple[int, int],
     ) -> StreakModel:
         """Gather the rotations of each star's image (M,) from a path with one batch axis."""
-        focal_px, principal = camera.focal_mm / camera.pixel_mm, np.asarray(camera.principal_px)
+        focal_px, principal = camera.focal_px, np.asarray(camera.principal_px)
         return cls(path.turns[image], path.share, focal_px, principal, sigma, origin, shape)
 
     def keep(self, chosen: Indices) -> StreakModel:
@@ -156,7 +156,7 @@ def spot_width(sigma: ArrayLike) -> Floats:
 
 def carried(camera: Camera, xy: Floats, turns: Floats) -> Floats:
     """Positions (..., 2) in pixels after rotations (..., 3, 3) of their rays."""
-    focal_px, principal = camera.focal_mm / camera.pixel_mm, np.asarray(camera.principal_px)
+    focal_px, principal = camera.focal_px, np.asarray(camera.principal_px)
     x, y = np.moveaxis((xy - principal) / focal_px, -1, 0)
     # Written out: a matrix product of three by three at a time costs several times as much.
     u, v, w = (turns[..., k, 0] * x + turns[..., k, 1] * y + turns[..., k, 2] for k in range(3))

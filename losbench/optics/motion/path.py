@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats, Indices
-from losbench.checks import choice, finite, integer, number, positive, shaped
+from losbench.checks import choice, finite, integer, number, positive, rotation, shaped
 from losbench.optics.camera import Camera
 from losbench.optics.motion.vibration import Motion
 
@@ -162,7 +162,7 @@ def gyro_path(
             f"{knots[-1]:g} s"
         )
     if mounting is not None:
-        increments = increments @ _rotation("mounting", mounting).T
+        increments = increments @ rotation("mounting", mounting).T
     angles = np.concatenate(
         [np.zeros_like(increments[..., :1, :]), np.cumsum(increments, axis=-2)], axis=-2
     )
@@ -198,7 +198,7 @@ def motion_path(
         If the exposure is not positive or the mounting is no rotation.
     """
     exposure = float(positive("exposure_s", number("exposure_s", exposure_s)))
-    turn = np.eye(3) if mounting is None else _rotation("mounting", mounting)
+    turn = np.eye(3) if mounting is None else rotation("mounting", mounting)
     inner = exposure * np.arange(1, _TRUTH_PIECES) / _TRUTH_PIECES
     return _path(
         lambda time: motion.angle(time) @ turn.T, exposure, inner, integer("nodes", nodes, low=1)
@@ -251,11 +251,3 @@ def _interpolator(knots: Floats, angles: Floats, kind: str) -> Callable[[Floats]
     spline = make_interp_spline(knots, np.moveaxis(angles, -2, 0), k=degree)
     # A record that ends with the exposure may fall short of it by a rounding.
     return lambda time: np.moveaxis(spline(np.clip(time, knots[0], knots[-1])), 0, -2)
-
-
-def _rotation(name: str, value: ArrayLike) -> Floats:
-    matrix = finite(name, value)
-    shaped(name, matrix, (3, 3))
-    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) or np.linalg.det(matrix) < 0:
-        raise ValueError(f"{name} must be a rotation: orthonormal, with determinant +1")
-    return matrix

@@ -113,8 +113,8 @@ def floor_px(setting: Setting, motion: Vibration, rate_hz: float | None = None) 
     """
     h = 1.0 / (rate_hz or setting.gyro_rate_hz)
     change = np.diff(motion.rate([0.0, setting.exposure_s]), axis=-2)[..., 0, :2]
-    focal_px = setting.camera.focal_mm / setting.camera.pixel_mm
-    return focal_px * h**2 / (12 * setting.exposure_s) * np.linalg.norm(change, axis=-1)
+    across = np.linalg.norm(change, axis=-1)
+    return setting.camera.focal_px * h**2 / (12 * setting.exposure_s) * across
 
 
 def one_frequency(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from losbench.estimation.solvers import LeastSquares, Solver, as_part, pooling, 
 from losbench.optics.camera import Model, design_matrix, project
 from losbench.pointing.attitude.blocks import Blocks, distinct_points, uncut
 from losbench.pointing.attitude.result import AttitudeFit
+from losbench.records import changed, put
 
 __all__ = ["solve_attitude"]
 
@@ -201,10 +202,8 @@ class _Recipe:
                 else design[0, chosen if seen < size else slice(None)]
             )
             part = self._solve_whole(matrix, shifts[places], sigma[places])
-            for name in _PER_SOLVE:
-                getattr(fit, name)[members] = getattr(part, name)
-            for name in _PER_SHIFT:
-                getattr(fit, name)[places] = getattr(part, name)
+            put(fit, members, part, only=_PER_SOLVE)
+            put(fit, places, part, only=_PER_SHIFT)
         return fit
 
     def _solve_whole(self, design: Floats, shifts: Floats, sigma: Floats) -> AttitudeFit:
@@ -295,11 +294,7 @@ def _unsolved(count: int, size: int, *, ok: Bools, redundancy: Ints) -> Attitude
 
 def _restored(fit: AttitudeFit, batch: tuple[int, ...], shape: tuple[int, ...]) -> AttitudeFit:
     """Give the batch its axes back, and the frames of the given shape their places."""
-    restored: dict[str, Any] = {}
-    for field in fields(fit):
-        value = getattr(fit, field.name)
-        by_frame = field.name in _PER_SHIFT
-        restored[field.name] = (
-            uncut(value, shape) if by_frame else value.reshape(batch + value.shape[1:])
-        )
-    return AttitudeFit(**restored)
+    fit = changed(fit, lambda array: uncut(array, shape), only=_PER_SHIFT)
+    return changed(
+        fit, lambda array: array.reshape(batch + array.shape[1:]), only=(*_PER_SOLVE, "ok")
+    )

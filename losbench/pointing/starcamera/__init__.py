@@ -19,5 +19,4 @@ from losbench.pointing.starcamera.timing import TimeOffset as TimeOffset
 from losbench.pointing.starcamera.timing import interpolate_attitude as interpolate_attitude
 from losbench.pointing.starcamera.timing import interpolate_drift as interpolate_drift
 from losbench.pointing.starcamera.timing import smooth_drift as smooth_drift
-from losbench.pointing.starcamera.timing import split_tracks as split_tracks
 from losbench.pointing.starcamera.timing import time_tag_offset as time_tag_offset

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from losbench.arrays import Floats
-from losbench.checks import finite, finite_or_nan, number, shaped
+from losbench.checks import finite, finite_or_nan, number, rotation, shaped
 from losbench.pointing.starcamera.convention import Attitudes, QuaternionConvention
 
 __all__ = ["Observability", "boresight_angle", "check_design", "correct_drift", "observability"]
@@ -268,13 +268,7 @@ def rotation_matrix(name: str, matrix: ArrayLike | None) -> Floats:
     """Return ``matrix`` as a proper rotation (3, 3), the identity for None, or raise
     ``ValueError``.
     """
-    if matrix is None:
-        return np.eye(3)
-    m = finite(name, matrix)
-    shaped(name, m, (3, 3))
-    if np.abs(m @ m.T - np.eye(3)).max() > 1e-6 or np.linalg.det(m) < 0:
-        raise ValueError(f"{name} must be a rotation matrix: orthonormal rows, determinant +1")
-    return m
+    return np.eye(3) if matrix is None else rotation(name, matrix)
 
 
 def _both(

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
-from losbench.arrays import Bools, Floats, Ints
-from losbench.checks import finite, finite_or_nan, number, positive, shaped
+from losbench.arrays import Bools, Floats
+from losbench.checks import finite, number, positive, shaped
 from losbench.pointing.starcamera.convention import Attitudes, QuaternionConvention
+from losbench.series import read_series, window_means
 
 __all__ = [
     "TimeOffset",
     "interpolate_attitude",
     "interpolate_drift",
     "smooth_drift",
-    "split_tracks",
     "time_tag_offset",
 ]
 
@@ -52,17 +52,8 @@ def smooth_drift(time_s: ArrayLike, drift: ArrayLike, *, window_s: float) -> Flo
     ... ).ravel().tolist()
     [1.5, 1.0, 2.0, 1.5]
     """
-    t, x = _series(time_s, drift)
-    half = float(positive("window_s", number("window_s", window_s))) / 2.0
-    flat = x.reshape(len(t), -1)
-    present = np.isfinite(flat.sum(axis=1))
-    total = np.concatenate(
-        [np.zeros((1, flat.shape[1])), np.cumsum(np.where(present[:, None], flat, 0.0), axis=0)]
-    )
-    count = np.concatenate([[0], np.cumsum(present)])
-    first, last = np.searchsorted(t, t - half, "left"), np.searchsorted(t, t + half, "right")
-    mean = (total[last] - total[first]) / np.maximum(count[last] - count[first], 1)[:, None]
-    return np.where(present[:, None], mean, np.nan).reshape(x.shape)
+    t, x = read_series(time_s, drift, "drift")
+    return window_means(t, x, float(positive("window_s", number("window_s", window_s))))
 
 
 def interpolate_drift(
@@ -98,7 +89,7 @@ def interpolate_drift(
     ... ).tolist()
     [[1e-06, 0.0, 0.0], [nan, nan, nan]]
     """
-    t, x = _series(time_s, drift)
+    t, x = read_series(time_s, drift, "drift")
     shaped("drift", x, (len(t), 3))
     known = np.isfinite(x.sum(axis=1))
     turned, inside = _slerp(t[known], Rotation.from_rotvec(x[known]), at_s, max_gap_s, "drift")
@@ -141,7 +132,7 @@ def interpolate_attitude(
     ValueError
         If times do not increase, a quaternion is not of unit length, or the times do not overlap.
     """
-    t, q = _series(time_s, quaternions, "quaternions")
+    t, q = read_series(time_s, quaternions, "quaternions")
     attitudes = Attitudes.read(q, convention)
     known = ~attitudes.missing
     turned, inside = _slerp(t[known], attitudes.stored[known], at_s, max_gap_s, "attitudes")
@@ -200,8 +191,8 @@ def time_tag_offset(
     Weighted regression of the relative rotation, C0' R1' R2 as a rotation vector, on the rate of
     the second head, each axis by its own scatter.
     """
-    t, q1 = _series(time_s, first, "first")
-    q2 = _series(time_s, second, "second")[1]
+    t, q1 = read_series(time_s, first, "first")
+    q2 = read_series(time_s, second, "second")[1]
     one, two = Attitudes.read(q1, convention, "first"), Attitudes.read(q2, convention, "second")
     known = ~(one.missing | two.missing)
     if np.count_nonzero(known) < 10:
@@ -219,18 +210,6 @@ def time_tag_offset(
     if power < 1e-6:
         raise ValueError("the rate must change for a time offset to be seen; here it is steady")
     return TimeOffset(float(np.sum(weight * np.sum(rate * away, axis=0))) / power, power**-0.5)
-
-
-def split_tracks(time_s: ArrayLike, *, gap_s: float = 60.0) -> Ints:
-    """Number the tracks of a record: a new one begins after every gap longer than ``gap_s``.
-
-    >>> split_tracks([0.0, 1.0, 500.0, 501.0]).tolist()
-    [0, 0, 1, 1]
-    """
-    t = _increasing(time_s)
-    return np.concatenate([[0], np.cumsum(np.diff(t) > number("gap_s", gap_s, low=0.0))]).astype(
-        np.int64
-    )
 
 
 def _rate(t: Floats, attitude: Rotation, smooth_s: float) -> Floats:
@@ -259,21 +238,3 @@ def _slerp(
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
     bridged = (t[after] - t[after - 1] <= number("max_gap_s", max_gap_s, low=0.0)) | np.isin(at, t)
     return Slerp(t, rotations)(np.clip(at, t[0], t[-1])), inside & bridged
-
-
-def _series(time_s: ArrayLike, values: ArrayLike, name: str = "drift") -> tuple[Floats, Floats]:
-    t, x = _increasing(time_s), finite_or_nan(name, values)
-    shaped(name, x, (len(t), *x.shape[1:]), why=f"to match {len(t)} times")
-    return t, x
-
-
-def _increasing(time_s: ArrayLike) -> Floats:
-    t = finite("time_s", time_s, ndim=1)
-    late = np.diff(t) <= 0
-    if late.any():
-        k = int(np.argmax(late)) + 1
-        kind = "equals" if t[k] == t[k - 1] else "is before"
-        raise ValueError(
-            f"time_s must increase, but sample {k} at {t[k]:g} s {kind} the one before it"
-        )
-    return t

@@ -12,9 +12,9 @@ from losbench.pointing.starcamera import (
     interpolate_drift,
     remove_aberration,
     smooth_drift,
-    split_tracks,
     time_tag_offset,
 )
+from losbench.series import split_tracks
 from losbench.units import rad_to_arcsec
 
 LAST = QuaternionConvention(scalar="last", direction="camera_to_inertial")
