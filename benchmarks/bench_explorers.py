@@ -60,7 +60,12 @@ class Reference(Explorer):
 Kind = Reference
 '''
 IMPORT = "from {0.__module__} import {0.__name__} as Kind"
-KINDS = {name: getattr(room, name) for room in (explorers, scenes) for name in room.__all__}
+KINDS = {
+    name: thing
+    for room in (explorers, scenes)
+    for name, thing in vars(room).items()
+    if isinstance(thing, type)
+}
 TWIN = """
 import matplotlib as mpl
 import matplotlib.pyplot as plt

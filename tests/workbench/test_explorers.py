@@ -4,8 +4,11 @@ there.
 
 import contextlib
 import gc
+import inspect
 import io
 import itertools
+import re
+import sys
 import warnings
 import weakref
 
@@ -47,7 +50,8 @@ EXPLORERS = [
     StarCameraExplorer,
     ThermalExplorer,
 ]
-ALL = [*EXPLORERS, *(getattr(lab, name) for name in lab.__all__)]
+SCENES = [thing for thing in vars(lab).values() if isinstance(thing, type)]
+ALL = [*EXPLORERS, *SCENES]
 DEJAVU = FontProperties(family="DejaVu Sans")
 EXPECTED_NOTES = (
     "with two spots per solve no outlier can be identified",
@@ -177,27 +181,45 @@ def test_a_preset_is_the_same_whatever_came_before(kind):
 RESULT = {
     CentroidExplorer: lambda n: (n["found"].xy[0, 0] - n["truth"], ".2f", "error of this frame"),
     InertialExplorer: lambda n: (
-        [np.linalg.norm(n["found"].xy - n["star"].end)],
+        [
+            np.linalg.norm(
+                n["seen"]["found"]["iterative, above 2 %"].xy[0, 0] - n["seen"]["star"].end[0]
+            )
+        ],
         ".4f",
         "error, iterative, above 2 %",
     ),
     IRLSExplorer: lambda n: (
-        np.sqrt(np.mean(n["fit"].angles_arcsec ** 2, axis=0)),
+        np.sqrt(np.mean(n["seen"]["IRLS"].angles_arcsec ** 2, axis=0)),
         ".3g",
         "IRLS: RMS error",
     ),
-    MonteCarloExplorer: lambda n: (n["run"].sigma_arcsec[0], ".3g", "RMS"),
-    StarCameraExplorer: lambda n: (n["shown"], ".3f", "LSFE · NEA unbiased, raw"),
-    ThermalExplorer: lambda n: (n["fit"].k_arcsec_per_degC, ".3f", "sensitivity, IRLS"),
+    MonteCarloExplorer: lambda n: (n["seen"].sigma_arcsec[0], ".3g", "RMS"),
+    StarCameraExplorer: lambda n: (
+        [n["seen"]["unbiased"].lsfe, n["seen"]["unbiased"].nea],
+        ".3f",
+        "LSFE · NEA unbiased, raw",
+    ),
+    ThermalExplorer: lambda n: (
+        n["seen"]["fits"]["IRLS"].k_arcsec_per_degC,
+        ".3f",
+        "sensitivity, IRLS",
+    ),
 }
 
 
-def assert_its_code_gives_its_numbers(explorer):
+def run_copied(explorer):
+    """Run the code that an explorer shows; return its names and what it prints."""
     names = {}
     with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*two spots per solve|.*did not converge")
         exec(compile(explorer.copy_as_code.value, "<copied>", "exec"), names)
-    assert printed.getvalue().strip()
+    return names, printed.getvalue()
+
+
+def assert_its_code_gives_its_numbers(explorer):
+    names, printed = run_copied(explorer)
+    assert printed.strip()
     values, form, label = RESULT[type(explorer)](names)
     unit = 1e3 if isinstance(explorer, CentroidExplorer) else 1.0
     shown = " · ".join(f"{unit * value:{form}}" for value in values)
@@ -370,9 +392,24 @@ def test_a_choice_never_offers_none_which_a_list_shows_as_nothing():
 
 
 def test_one_weight_for_each_coordinate_is_what_the_library_calls_no_group():
-    with contextlib.closing(IRLSExplorer(group="coordinate")) as explorer:
-        assert "group=None" in explorer.copy_as_code.value
-        assert "one weight for each coordinate" in explorer.stated
+    for group, shared in (("coordinate", False), ("spot", True)):
+        with contextlib.closing(IRLSExplorer(group=group)) as explorer:
+            assert f"one weight for each {group}" in explorer.stated
+            weights = run_copied(explorer)[0]["seen"]["IRLS"].weights
+            assert np.array_equal(weights[..., 0], weights[..., 1]) == shared
+
+
+def test_copied_code_is_the_source_that_ran():
+    for kind in ALL:
+        if kind is CentroidExplorer:
+            continue
+        with contextlib.closing(kind()) as explorer:
+            text = explorer.copy_as_code.value
+            assert inspect.getsource(kind.experiment).strip() in text
+            named = re.findall(r"^(?:from|import) (\S*)", text, re.MULTILINE)
+            outside = {name for name in named if name.split(".")[0] not in sys.stdlib_module_names}
+            assert outside <= {"numpy", "losbench", "losbench.papers"}
+            assert max(map(len, text.splitlines())) <= 100
 
 
 def test_a_log_slider_shows_its_value_where_nobody_can_type():

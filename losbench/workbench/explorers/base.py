@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import base64
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
 from math import ceil
 from typing import Any, ClassVar
@@ -18,6 +18,7 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from losbench.workbench.explorers.controls import Control
+from losbench.workbench.explorers.copied import copied
 from losbench.workbench.explorers.picture import Picture, style
 
 __all__ = ["Explorer"]
@@ -28,9 +29,11 @@ _LINE = 80  # characters of code that fit into a line of a narrow page
 class Explorer(widgets.VBox):  # type: ignore[misc]
     """Sliders over a picture that follows them.
 
-    An explorer names its ``controls``, builds its figure once, moves the artists of that figure,
-    and says which call of the library gives the same numbers. A ``ValueError`` or a warning on the
-    way is a message in the widget. Every picture carries in its PNG description which settings it
+    An explorer names its ``controls`` and its ``experiment``, a function of the settings at the top
+    of its module, builds its figure once, and moves the artists of that figure to what the
+    experiment gives. "Copy as code" shows the source of that same function, and prints the
+    ``answer``, an expression in ``seen``. A ``ValueError`` or a warning on the way is a message in
+    the widget. Every picture carries in its PNG description which settings it
     shows, the text of ``stated``.
 
     Parameters
@@ -45,6 +48,8 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
     """
 
     controls: ClassVar[Mapping[str, Control]]
+    experiment: ClassVar[Callable[..., Any]]
+    answer: ClassVar[str] = "seen"
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     size_in: ClassVar[tuple[float, float]] = (8.4, 3.6)
     _picture: Picture | None = None
@@ -92,7 +97,7 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
 
     def code(self, *args: Any, **settings: Any) -> str:
         """Return Python that computes the same with the library."""
-        raise NotImplementedError
+        return copied(self.experiment, settings, self.answer)
 
     @property
     def settings(self) -> dict[str, Any]:

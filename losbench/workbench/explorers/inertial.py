@@ -12,13 +12,9 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.figures import COLOURS
-from losbench.imaging.detector import Detector
-from losbench.optics.motion.gyro import Gyro
-from losbench.optics.motion.path import AttitudePath
-from losbench.optics.motion.vibration import Vibration
-from losbench.papers.lyu2015.scenario import Setting
-from losbench.papers.lyu2015.twin import Exposures, expose
+from losbench.papers import lyu2015
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import (
     Choice,
@@ -33,11 +29,50 @@ __all__ = ["InertialExplorer"]
 
 _HALF_PX = 6.5
 _STAR_PX = (255.8, 255.3)
-_METHODS: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "iterative, above 2 %": ("o", "blue", {"threshold": 0.02}),
-    "closed form": ("s", "orange", {"method": "closed_form"}),
-    "least squares": ("D", "purple", {"method": "least_squares"}),
+_METHODS: dict[str, dict[str, Any]] = {
+    "iterative, above 2 %": {"threshold": 0.02},
+    "closed form": {"method": "closed_form"},
+    "least squares": {"method": "least_squares"},
 }
+_MARKS = {
+    "plain centroid": ("^", "green"),
+    "iterative, above 2 %": ("o", "blue"),
+    "closed form": ("s", "orange"),
+    "least squares": ("D", "purple"),
+}
+
+
+def smeared_star(
+    *,
+    rate_deg_s: float,
+    frequency_hz: float,
+    phase_deg: float,
+    ellipse: float,
+    sigma_px: float,
+    gyro_rate_hz: float,
+    interpolation: str,
+    bias_deg_h: float,
+    late_ms: float,
+    flux_e: float,
+    read_noise_e: float,
+    seed: int,
+) -> dict[str, Any]:
+    """Expose a star under vibration, and let every method find where it is at the end."""
+    setting = lyu2015.Setting(sigma_px=sigma_px, read_noise_e=read_noise_e)
+    rate = np.radians(rate_deg_s) * np.array([[ellipse, 1.0, 0.0]])
+    phase = np.radians(phase_deg) + np.array([np.pi / 2, 0.0, 0.0])  # a quarter turn apart
+    shake = lb.Vibration(amplitude_rad_s=rate, frequency_hz=frequency_hz, phase_rad=phase)
+    gyro = lb.Gyro(rate_hz=gyro_rate_hz, bias_deg_h=bias_deg_h, time_offset_s=late_ms * 1e-3)
+    path = setting.sensed(shake, gyro, interpolation=interpolation, nodes=8)
+    star = lyu2015.expose(setting, shake, np.array([0]), np.array([_STAR_PX]), np.zeros(1))
+    detector = lb.Detector(read_noise_e=read_noise_e, offset_dn=100.0)
+    frames = detector.expose(star.windows * flux_e + setting.background_e, seed)
+    level = setting.background_dn
+    found = {
+        name: star.aided(path, frames, noise=detector, background=level, **options)
+        for name, options in _METHODS.items()
+    }
+    return {"star": star, "path": path, "light": frames[0, 0] - level, "found": found}
 
 
 class InertialExplorer(Explorer):
@@ -63,6 +98,8 @@ class InertialExplorer(Explorer):
         "read_noise_e": Slider("read noise", 5.0, 0.0, 50.0, 0.5, "e⁻"),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(smeared_star)
+    answer = '{name: fit.xy[0, 0] - seen["star"].end[0] for name, fit in seen["found"].items()}'
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "hardly any noise": {"flux_e": 5e4, "read_noise_e": 0.0},
         "there and back": {"frequency_hz": 40.0, "ellipse": 0.0, "phase_deg": 0},
@@ -87,7 +124,7 @@ class InertialExplorer(Explorer):
         self._sky.yaxis.set_label_coords(-0.16, 0.5)
         self._sky.grid(visible=False)
         self._marks, self._offsets = [], []
-        for name, (marker, colour, _) in {"plain centroid": ("^", "green", {}), **_METHODS}.items():
+        for name, (marker, colour) in _MARKS.items():
             style = {
                 "marker": marker,
                 "color": COLOURS[colour],
@@ -107,34 +144,26 @@ class InertialExplorer(Explorer):
         )
         return [self._image, self._true, self._gyro, *self._marks, *self._offsets]
 
-    def update(
-        self, *, sigma_px: float, flux_e: float, read_noise_e: float, seed: int, **motion: Any
-    ) -> Mapping[str, str]:
+    def update(self, **settings: Any) -> Mapping[str, str]:
         """Expose the star, and let every method find it."""
-        setting = Setting(sigma_px=sigma_px, read_noise_e=read_noise_e)
-        shake, path = _motion(setting, **motion)
-        shot = expose(setting, shake, np.array([0]), np.array([_STAR_PX]), np.zeros(1))
-        noise = Detector(read_noise_e=read_noise_e, offset_dn=100.0)
-        frames = noise.expose(shot.windows * flux_e + setting.background_e, seed)
-        level = setting.background_dn
-        light = np.maximum(frames - level, 0.0)
-        plain = np.array([light[0, 0].sum(axis=k) @ np.arange(light.shape[-1]) for k in (0, 1)])
-        places = {"plain centroid": plain / max(light.sum(), 1.0) + shot.origin[0, 0]}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            for name, (_, _, choices) in _METHODS.items():
-                found = shot.aided(path, frames, noise=noise, background=level, **choices)
-                places[name] = found.xy[0, 0]
-        self._show(shot, path, frames[0, 0] - level, places)
-        errors = {name: f"{np.linalg.norm(xy - shot.end[0]):.4f} px" for name, xy in places.items()}
-        track = shot.truth.tracks(shot.start, setting.camera)[0, 0]
+            seen = self.experiment(**settings)
+        star = seen["star"]
+        light = np.maximum(seen["light"], 0.0)
+        plain = np.array([light.sum(axis=k) @ np.arange(light.shape[-1]) for k in (0, 1)])
+        places = {"plain centroid": plain / max(light.sum(), 1.0) + star.origin[0, 0]}
+        places |= {name: found.xy[0, 0] for name, found in seen["found"].items()}
+        self._show(star, seen["path"], seen["light"], places)
+        errors = {name: f"{np.linalg.norm(xy - star.end[0]):.4f} px" for name, xy in places.items()}
+        track = star.truth.tracks(star.start, star.setting.camera)[0, 0]
         length = np.linalg.norm(np.diff(track, axis=0), axis=1).sum()
         return {f"error, {name}": text for name, text in errors.items()} | {
             "length of the track": f"{length:.2f} px"
         }
 
     def _show(
-        self, shot: Exposures, path: AttitudePath, light: Any, places: Mapping[str, Any]
+        self, shot: lyu2015.Exposures, path: lb.AttitudePath, light: Any, places: Mapping[str, Any]
     ) -> None:
         camera, middle = shot.setting.camera, np.array(_STAR_PX)
         x, y = shot.origin[0, 0] - middle - 0.5
@@ -153,47 +182,3 @@ class InertialExplorer(Explorer):
         reach = 1.3 * max(float(np.nanmax(np.abs(offsets[1:]), initial=0.0)), 0.004)
         reach = float(f"{reach:.1g}") + 10.0 ** np.floor(np.log10(reach))
         self._near.set(xlim=(-reach, reach), ylim=(reach, -reach))
-
-    def code(
-        self, *, sigma_px: float, flux_e: float, read_noise_e: float, seed: int, **motion: Any
-    ) -> str:
-        """Return the exposure and the iterative method."""
-        values = {name: motion[name] for name in motion}
-        return f"""\
-import numpy as np
-import losbench as lb
-from losbench.papers.lyu2015 import Setting, expose
-
-setting = Setting(sigma_px={sigma_px}, read_noise_e={read_noise_e})
-rate = np.radians({values["rate_deg_s"]}) * np.array([[{values["ellipse"]}, 1.0, 0.0]])
-phase = np.radians({values["phase_deg"]}) + np.array([np.pi / 2, 0.0, 0.0])
-shake = lb.Vibration(amplitude_rad_s=rate, frequency_hz={values["frequency_hz"]}, phase_rad=phase)
-gyro = lb.Gyro(
-    rate_hz={values["gyro_rate_hz"]}, bias_deg_h={values["bias_deg_h"]}, time_offset_s={values["late_ms"]} * 1e-3
-)
-path = setting.sensed(shake, gyro, interpolation={values["interpolation"]!r}, nodes=8)
-star = expose(setting, shake, np.array([0]), np.array([{_STAR_PX}]), np.zeros(1))
-noise = lb.Detector(read_noise_e={read_noise_e}, offset_dn=100.0)
-frames = noise.expose(star.windows * {flux_e} + setting.background_e, {seed})
-found = star.aided(path, frames, noise=noise, background=setting.background_dn, threshold=0.02)
-print(found.xy - star.end)"""
-
-
-def _motion(
-    setting: Setting,
-    *,
-    rate_deg_s: float,
-    frequency_hz: float,
-    phase_deg: float,
-    ellipse: float,
-    gyro_rate_hz: float,
-    interpolation: str,
-    bias_deg_h: float,
-    late_ms: float,
-) -> tuple[Vibration, AttitudePath]:
-    """Vibration about two axes a quarter turn apart, and the path that the gyro tells of."""
-    rate = np.radians(rate_deg_s) * np.array([[ellipse, 1.0, 0.0]])
-    phase = np.radians(phase_deg) + np.array([np.pi / 2, 0.0, 0.0])
-    shake = Vibration(amplitude_rad_s=rate, frequency_hz=frequency_hz, phase_rad=phase)
-    gyro = Gyro(rate_hz=gyro_rate_hz, bias_deg_h=bias_deg_h, time_offset_s=late_ms * 1e-3)
-    return shake, setting.sensed(shake, gyro, interpolation=interpolation, nodes=8)

@@ -5,16 +5,15 @@ cost?
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.arrays import Bools, Floats
-from losbench.estimation.losses import Bisquare, Huber
 from losbench.figures import COLOURS
-from losbench.pointing.attitude import attitude_covariance, solve_attitude
 from losbench.units import rad_to_arcsec
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import (
@@ -30,13 +29,66 @@ from losbench.workbench.explorers.picture import round_up
 __all__ = ["IRLSExplorer"]
 
 
-_LOSSES: dict[str, type[Huber] | type[Bisquare]] = {"Huber": Huber, "Bisquare": Bisquare}
-_GROUPS: dict[str, Literal["spot"] | None] = {"spot": "spot", "coordinate": None}
 _ERROR_MM = 1e-4  # a hundredth of the paper's pixel of 10 um
 _RADIUS_MM, _FOCAL_MM = 4.6, 260.0
 _ROWS = 24_000  # of all draws together: what is solved while a slider moves
 _TURN = np.linspace(0.0, 2.0 * np.pi, 73)
 _WITHIN_95 = 2.4477  # radius, in sigmas, of the ellipse that holds 95 % of a normal distribution
+
+
+def spots_on_a_circle(n_spots: int) -> np.ndarray:
+    """Points (n, 3) of equally spaced spots."""
+    turn = 2.0 * np.pi * np.arange(n_spots) / n_spots
+    return np.column_stack(
+        [_RADIUS_MM * np.cos(turn), _RADIUS_MM * np.sin(turn), np.full(n_spots, _FOCAL_MM)]
+    )
+
+
+def shifts_with_bad_spots(
+    n_spots: int, n_frames: int, *, bad_percent: int, bad_sigma: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Shifts (F, n, 2) of all frames of all draws, and which of them are of a bad spot (F, n)."""
+    draws = int(np.clip(_ROWS // (2 * n_spots * n_frames), 100, 1500))
+    rng = np.random.default_rng(seed)
+    shifts = rng.normal(0.0, _ERROR_MM, (draws * n_frames, n_spots, 2))
+    bad = rng.random(shifts.shape[:2]) < bad_percent / 100
+    shifts[..., 0] += bad_sigma * _ERROR_MM * bad
+    return shifts, bad
+
+
+def loss_named(name: str, c: float) -> lb.Loss:
+    """Return the loss with its constant."""
+    return lb.Huber(c) if name == "Huber" else lb.Bisquare(c)
+
+
+def attitudes_both_ways(
+    *,
+    n_spots: int,
+    n_frames: int,
+    loss: str,
+    c: float,
+    scale: str | float,
+    group: str,
+    bad_percent: int,
+    bad_sigma: float,
+    seed: int,
+) -> dict[str, lb.AttitudeFit]:
+    """Solve shifts with bad spots among them by least squares and by IRLS; the truth is zero."""
+    points = spots_on_a_circle(n_spots)
+    shifts, _ = shifts_with_bad_spots(
+        n_spots, n_frames, bad_percent=bad_percent, bad_sigma=bad_sigma, seed=seed
+    )
+    return {
+        "least squares": lb.solve_attitude(points, shifts, method="ls", stack=n_frames),
+        "IRLS": lb.solve_attitude(
+            points,
+            shifts,
+            loss=loss_named(loss, c),
+            scale=scale,
+            group="spot" if group == "spot" else None,
+            stack=n_frames,
+        ),
+    }
 
 
 class IRLSExplorer(Explorer):
@@ -47,18 +99,22 @@ class IRLSExplorer(Explorer):
     controls: ClassVar[dict[str, Control]] = {
         "n_spots": Slider("spots", 8, 2, 12, 1),
         "n_frames": Slider("frames stacked in a solve", 4, 1, 20, 1),
-        "loss": Choice("loss", {name: name for name in _LOSSES}, "Huber"),
+        "loss": Choice("loss", {"Huber": "Huber", "Bisquare": "Bisquare"}, "Huber"),
         "c": Slider("its constant c", 1.345, 0.2, 8.0, 0.005, "scales"),
         "scale": Choice(
             "scale",
             {"known": _ERROR_MM, "mad": "mad", "std": "std", "std1": "std1", "rms": "rms"},
             "mad",
         ),
-        "group": Choice("one weight for each", {name: name for name in _GROUPS}, "spot"),
+        "group": Choice(
+            "one weight for each", {"spot": "spot", "coordinate": "coordinate"}, "spot"
+        ),
         "bad_percent": Slider("bad spots", 10, 0, 50, 1, "%"),
         "bad_sigma": LogSlider("their error along x", 20.0, 1.0, 1000.0, unit="sigma"),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(attitudes_both_ways)
+    answer = 'lb.rms(seen["IRLS"].angles_arcsec)'
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "as in the paper": {
             "n_spots": 2,
@@ -124,43 +180,31 @@ class IRLSExplorer(Explorer):
             *self._ellipses,
         ]
 
-    def update(
-        self,
-        *,
-        n_spots: int,
-        n_frames: int,
-        loss: str,
-        c: float,
-        scale: str,
-        group: str,
-        bad_percent: int,
-        bad_sigma: float,
-        seed: int,
-    ) -> Mapping[str, str]:
-        """Draw shifts with bad spots among them, solve them both ways, and compare with the truth,
-        which is zero.
-        """
-        points, draws = _spots(n_spots), _draws(n_spots, n_frames)
-        shifts, bad = _shifts(n_spots, n_frames, bad_percent / 100, bad_sigma, seed)
-        least = solve_attitude(points, shifts, method="ls", stack=n_frames)
-        rule = _LOSSES[loss](c)
-        robust = solve_attitude(
-            points, shifts, loss=rule, scale=scale, group=_GROUPS[group], stack=n_frames
-        )
-        one = slice(n_frames)
-        residuals, size = robust.residuals[one], np.abs(robust.residuals[one])
+    def update(self, **settings: Any) -> Mapping[str, str]:
+        """Solve the draws both ways, and compare with the truth, which is zero."""
+        seen = self.experiment(**settings)
+        n_spots, n_frames, group = (settings[name] for name in ("n_spots", "n_frames", "group"))
+        points, robust = spots_on_a_circle(n_spots), seen["IRLS"]
+        drawn = {name: settings[name] for name in ("bad_percent", "bad_sigma", "seed")}
+        bad = shifts_with_bad_spots(n_spots, n_frames, **drawn)[1][:n_frames, :, None]
+        residuals = robust.residuals[:n_frames]
+        size = np.abs(residuals)
+        judged = np.broadcast_to(bad, size.shape)
         if group == "spot":
             size = np.broadcast_to(np.sqrt(np.mean(size**2, axis=-1, keepdims=True)), size.shape)
         else:
-            bad = bad & (np.arange(2) == 0)
-        self._show_rows(residuals.ravel(), bad[one].ravel())
+            judged = bad & (np.arange(2) == 0)
+        self._show_rows(residuals.ravel(), judged.ravel())
         self._show_weights(
-            (size / robust.scale[0]).ravel(), robust.weights[one].ravel(), bad[one].ravel(), rule
+            (size / robust.scale[0]).ravel(),
+            robust.weights[:n_frames].ravel(),
+            judged.ravel(),
+            loss_named(settings["loss"], settings["c"]),
         )
         best = rad_to_arcsec(
-            np.sqrt(np.diag(attitude_covariance(points, _ERROR_MM, stack=n_frames)))
+            np.sqrt(np.diag(lb.attitude_covariance(points, _ERROR_MM, stack=n_frames)))
         )
-        found = {"least squares": least.angles_arcsec, "IRLS": robust.angles_arcsec}
+        found = {name: fit.angles_arcsec for name, fit in seen.items()}
         self._show_angles(list(found.values()))
         texts = {}
         for name, angles in found.items():
@@ -171,6 +215,7 @@ class IRLSExplorer(Explorer):
             texts[f"{name}: bias in Y (″)"] = f"{angles[:, 1].mean():+.3g}"
             texts[f"{name}: efficiency in Y"] = f"{100.0 * (best[1] / error[1]) ** 2:.0f} %"
         difference = np.abs(found["IRLS"] - found["least squares"]).max()
+        draws = len(found["IRLS"])
         return texts | {f"largest difference in {draws} draws": f"{difference:.2g} ″"}
 
     def _show_rows(self, residuals: Floats, bad: Bools) -> None:
@@ -182,9 +227,7 @@ class IRLSExplorer(Explorer):
             xlim=(0, round_up(residuals.size + 1, least=10.0)), ylim=(-limit, 1.2 * limit)
         )
 
-    def _show_weights(
-        self, scaled: Floats, weights: Floats, bad: Bools, rule: Huber | Bisquare
-    ) -> None:
+    def _show_weights(self, scaled: Floats, weights: Floats, bad: Bools, rule: lb.Loss) -> None:
         for chosen, dots in ((~bad, self._good_weights), (bad, self._bad_weights)):
             dots.set_data(scaled[chosen], weights[chosen])
         reach = round_up(scaled, least=5.0)
@@ -198,55 +241,6 @@ class IRLSExplorer(Explorer):
             ellipse.set_data(*_ellipse(angles[:, :2]))
         wide, high = (round_up([line.get_data()[k] for line in self._ellipses]) for k in (0, 1))
         self._angles.set(xlim=(-wide, wide), ylim=(-high, 1.25 * high))
-
-    def code(
-        self,
-        *,
-        n_spots: int,
-        n_frames: int,
-        loss: str,
-        c: float,
-        scale: str,
-        group: str,
-        **bad: Any,
-    ) -> str:
-        """Return the draws and the call of `solve_attitude`."""
-        return f"""\
-import numpy as np
-import losbench as lb
-
-turn = 2 * np.pi * np.arange({n_spots}) / {n_spots}
-points = np.column_stack([{_RADIUS_MM} * np.cos(turn), {_RADIUS_MM} * np.sin(turn), np.full({n_spots}, {_FOCAL_MM})])
-rng = np.random.default_rng({bad["seed"]})
-shifts = rng.normal(0.0, {_ERROR_MM}, ({_draws(n_spots, n_frames) * n_frames}, {n_spots}, 2))
-bad = rng.random(shifts.shape[:2]) < {bad["bad_percent"] / 100}
-shifts[..., 0] += {bad["bad_sigma"] * _ERROR_MM} * bad
-fit = lb.solve_attitude(
-    points, shifts, loss=lb.{loss}({c}), scale={scale!r}, group={_GROUPS[group]!r}, stack={n_frames}
-)
-print(lb.rms(fit.angles_arcsec))"""
-
-
-def _spots(n_spots: int) -> Floats:
-    turn = 2.0 * np.pi * np.arange(n_spots) / n_spots
-    return np.column_stack(
-        [_RADIUS_MM * np.cos(turn), _RADIUS_MM * np.sin(turn), np.full(n_spots, _FOCAL_MM)]
-    )
-
-
-def _draws(n_spots: int, n_frames: int) -> int:
-    return int(np.clip(_ROWS // (2 * n_spots * n_frames), 100, 1500))
-
-
-def _shifts(
-    n_spots: int, n_frames: int, share: float, sigmas: float, seed: int
-) -> tuple[Floats, Bools]:
-    """Shifts of all frames, and which of them are of a bad spot."""
-    rng = np.random.default_rng(seed)
-    shifts = rng.normal(0.0, _ERROR_MM, (_draws(n_spots, n_frames) * n_frames, n_spots, 2))
-    bad = rng.random(shifts.shape[:2]) < share
-    shifts[..., 0] += sigmas * _ERROR_MM * bad
-    return shifts, np.stack([bad, bad], axis=-1)
 
 
 def _ellipse(points: Floats) -> Floats:

@@ -11,10 +11,9 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.figures import COLOURS
-from losbench.papers.liu2026.results.geometry import figure_1
-from losbench.papers.liu2026.scenario import MonteCarlo
-from losbench.pointing.attitude import attitude_covariance
+from losbench.papers import liu2026
 from losbench.units import rad_to_arcsec
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import (
@@ -39,6 +38,32 @@ _PAPER = {
 }
 
 
+def setting_of_figure_1(
+    *,
+    precision_px: float,
+    focal_mm: float,
+    pixel_um: float,
+    separation_mm: float,
+    offset_mm: float,
+    noise: str,
+    seed: int,
+) -> liu2026.MonteCarlo:
+    """Two spots side by side on the focal plane, which lies at -f in the paper."""
+    return liu2026.MonteCarlo(
+        spot_a_mm=(separation_mm / 2, offset_mm, -focal_mm),
+        spot_b_mm=(-separation_mm / 2, offset_mm, -focal_mm),
+        pixel_um=pixel_um,
+        precisions_px=(precision_px,),
+        noise=noise,
+        seed=seed,
+    )
+
+
+def pointing_errors(*, model: str, **setting: Any) -> liu2026.Simulation:
+    """Run the trials of Fig. 1 with one precision of the centroids."""
+    return liu2026.figure_1(setting_of_figure_1(**setting), model=model)
+
+
 class MonteCarloExplorer(Explorer):
     """5000 trials of noise on two spots (liu2026, section 2.2), and the errors about three axes
     (Fig. 1).
@@ -56,8 +81,10 @@ class MonteCarloExplorer(Explorer):
         "noise": Choice(
             "precision is", {"three sigma, clipped": "clipped", "one sigma": "gaussian"}, "clipped"
         ),
-        "seed": Field("seed", MonteCarlo.seed, whole_number),
+        "seed": Field("seed", liu2026.MonteCarlo.seed, whole_number),
     }
+    experiment = staticmethod(pointing_errors)
+    answer = "seen.sigma_arcsec"
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "as in the paper": {**_PAPER, "model": "paper", "noise": "clipped"},
         "0.5 px": {"precision_px": 0.5},
@@ -69,7 +96,7 @@ class MonteCarloExplorer(Explorer):
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw three panels, one for each axis, sharing the trials."""
         panels = figure.subplots(3, 1, sharex=True)
-        trials = np.arange(1, MonteCarlo.trials + 1, _THINNED)
+        trials = np.arange(1, liu2026.MonteCarlo.trials + 1, _THINNED)
         self._axes, self._lines, self._bands = panels, [], []
         for axes, name, colour in zip(panels, "XYZ", ("blue", "vermilion", "green"), strict=True):
             (line,) = axes.plot(trials, np.zeros(trials.size), color=COLOURS[colour], lw=0.6)
@@ -77,26 +104,22 @@ class MonteCarloExplorer(Explorer):
             self._bands += [
                 axes.axhline(0.0, color=COLOURS["black"], lw=1.0, ls="--") for _ in range(2)
             ]
-            axes.set(ylabel=f"{name} error (″)", xlim=(1, MonteCarlo.trials))
+            axes.set(ylabel=f"{name} error (″)", xlim=(1, liu2026.MonteCarlo.trials))
         panels[0].set_title(
             "errors of 5000 trials (every 8th drawn); dashed: one sigma, closed form", fontsize=10
         )
         panels[-1].set_xlabel("trial")
         return [*self._lines, *self._bands]
 
-    def update(self, *, model: Any, noise: str, **setting: Any) -> Mapping[str, str]:
+    def update(self, *, model: Any, **setting: Any) -> Mapping[str, str]:
         """Run the trials and compare them with the closed form."""
-        scenario = MonteCarlo(noise=noise, **_fields(**setting))
-        run = figure_1(scenario, model=model)
-        sigma_mm = (
-            setting["precision_px"]
-            * scenario.pixel_um
-            * 1e-3
-            / (3.0 if noise == "clipped" else 1.0)
+        run = self.experiment(model=model, **setting)
+        scenario, precision_px = setting_of_figure_1(**setting), setting["precision_px"]
+        sigma_px = precision_px / (3.0 if setting["noise"] == "clipped" else 1.0)
+        covariance = lb.attitude_covariance(
+            scenario.points_mm, sigma_px * scenario.pixel_um * 1e-3, model=model
         )
-        closed = rad_to_arcsec(
-            np.sqrt(np.diag(attitude_covariance(scenario.points_mm, sigma_mm, model=model)))
-        )
+        closed = rad_to_arcsec(np.sqrt(np.diag(covariance)))
         errors = run.errors_arcsec[:, 0]
         for k, axes in enumerate(self._axes):
             self._lines[k].set_ydata(errors[::_THINNED, k])
@@ -104,9 +127,7 @@ class MonteCarloExplorer(Explorer):
                 band.set_ydata([sign * closed[k]] * 2)
             # In two steps, so that a change of precision meets the limits of all axes at once, and
             # seldom.
-            limit = round_up(setting["precision_px"]) * round_up(
-                4.2 * closed[k] / setting["precision_px"]
-            )
+            limit = round_up(precision_px) * round_up(4.2 * closed[k] / precision_px)
             axes.set_ylim(-limit, limit)
         rows = {
             "RMS": run.sigma_arcsec[0],
@@ -117,33 +138,3 @@ class MonteCarloExplorer(Explorer):
             f"{name} X · Y · Z (″)": " · ".join(f"{v:.3g}" for v in values)
             for name, values in rows.items()
         }
-
-    def code(self, *, model: str, noise: str, **setting: Any) -> str:
-        """Return the call of `figure_1`."""
-        arguments = "".join(
-            f"    {name}={value!r},\n"
-            for name, value in {**_fields(**setting), "noise": noise}.items()
-        )
-        return (
-            "from losbench.papers.liu2026 import MonteCarlo, figure_1\n\n"
-            f"run = figure_1(\n  MonteCarlo(\n{arguments}  ),\n  "
-            f"model={model!r},\n)\nprint(run.sigma_arcsec)"
-        )
-
-
-def _fields(
-    *,
-    precision_px: float,
-    focal_mm: float,
-    pixel_um: float,
-    separation_mm: float,
-    offset_mm: float,
-    seed: int,
-) -> dict[str, Any]:
-    return {
-        "spot_a_mm": (separation_mm / 2, offset_mm, -focal_mm),
-        "spot_b_mm": (-separation_mm / 2, offset_mm, -focal_mm),
-        "pixel_um": pixel_um,
-        "precisions_px": (precision_px,),
-        "seed": seed,
-    }

@@ -11,11 +11,10 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.figures import COLOURS
-from losbench.papers.liu2026.scenario import ThermalBench
-from losbench.papers.liu2026.twin import warm_up
-from losbench.pointing.thermal import fit_sensitivity
-from losbench.units import arcsec_to_rad, rad_to_arcsec
+from losbench.papers import liu2026
+from losbench.units import rad_to_arcsec
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import (
     Control,
@@ -40,6 +39,44 @@ _NODE_STYLES = {
 }
 
 
+def warm_up_and_fits(
+    *,
+    room_end_degC: float,
+    ramp_min: int,
+    link_to_base_W_per_K: tuple[float, ...],
+    room_W_per_K: tuple[float, ...],
+    sensitivity_X: tuple[float, ...],
+    sensitivity_Y: tuple[float, ...],
+    sensitivity_Z: tuple[float, ...],
+    lag_min: float,
+    error_arcsec: float,
+    bad_percent: int,
+    bad_arcsec: float,
+    seed: int,
+) -> dict[str, Any]:
+    """Warm the twin, measure its angles with noise and bad frames, and fit them over the room."""
+    bench = liu2026.ThermalBench(
+        room_end_degC=room_end_degC,
+        ramp_s=60.0 * ramp_min,
+        link_to_base_W_per_K=link_to_base_W_per_K,
+        room_W_per_K=room_W_per_K,
+        sensitivity_arcsec_per_degC=(sensitivity_X, sensitivity_Y, sensitivity_Z),
+    )
+    run = liu2026.warm_up(bench, time_s=np.arange(0.0, bench.duration_s, _FRAME_PERIOD_S))
+    rng = np.random.default_rng(seed)
+    errors = rng.normal(0.0, error_arcsec, run.angles_rad.shape)
+    errors += bad_arcsec * (rng.random((len(errors), 1)) < bad_percent / 100)
+    angles = run.angles_rad + lb.units.arcsec_to_rad(errors)
+    when, lag_s = run.time_s, 60.0 * lag_min or None
+    fits = {
+        "IRLS": lb.fit_sensitivity(run.room_degC, angles, time_s=when, lag_s=lag_s),
+        "least squares": lb.fit_sensitivity(
+            run.room_degC, angles, time_s=when, lag_s=lag_s, method="ls"
+        ),
+    }
+    return {"bench": bench, "run": run, "angles": angles, "fits": fits}
+
+
 class ThermalExplorer(Explorer):
     """A room that warms from 18 °C, five nodes that follow, the line of sight that drifts, and the
     fit per degree.
@@ -50,18 +87,23 @@ class ThermalExplorer(Explorer):
         "ramp_min": Slider("ramp", 80, 5, 240, 5, "min"),
         "link_to_base_W_per_K": Field(
             "links to the base plate",
-            ThermalBench.link_to_base_W_per_K,
+            liu2026.ThermalBench.link_to_base_W_per_K,
             numbers(4, low=0.0, high=100.0),
             "W/K",
         ),
         "room_W_per_K": Field(
-            "links to the room", ThermalBench.room_W_per_K, numbers(5, low=0.0, high=100.0), "W/K"
+            "links to the room",
+            liu2026.ThermalBench.room_W_per_K,
+            numbers(5, low=0.0, high=100.0),
+            "W/K",
         ),
         **{
             f"sensitivity_{axis}": Field(
                 f"sensitivity {axis}", row, numbers(5, low=-100.0, high=100.0), "″/°C"
             )
-            for axis, row in zip(_AXES, ThermalBench.sensitivity_arcsec_per_degC, strict=True)
+            for axis, row in zip(
+                _AXES, liu2026.ThermalBench.sensitivity_arcsec_per_degC, strict=True
+            )
         },
         "lag_min": Slider("lag in the fit", 0.0, 0.0, 120.0, 1.0, "min"),
         "error_arcsec": LogSlider("error of an angle", 0.1, 0.001, 10.0, unit="″"),
@@ -69,6 +111,8 @@ class ThermalExplorer(Explorer):
         "bad_arcsec": Slider("their extra error", 10.0, 0.0, 50.0, 1.0, "″"),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(warm_up_and_fits)
+    answer = 'seen["fits"]["IRLS"].k_arcsec_per_degC'
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "five bad frames in a hundred": {"bad_percent": 5, "bad_arcsec": 20.0},
         "lag of 40 min": {"lag_min": 40.0},
@@ -83,7 +127,9 @@ class ThermalExplorer(Explorer):
             self._heat.plot(
                 [], [], color=COLOURS[colour], ls=dashes, label=node.removesuffix(" mount")
             )[0]
-            for node, (colour, dashes) in zip(ThermalBench.NODES, _NODE_STYLES.items(), strict=True)
+            for node, (colour, dashes) in zip(
+                liu2026.ThermalBench.NODES, _NODE_STYLES.items(), strict=True
+            )
         ]
         self._heat.set(title="temperature", xlabel="time (min)", ylabel="°C")
         self._heat.legend(
@@ -111,35 +157,15 @@ class ThermalExplorer(Explorer):
         self._law.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.02, -0.22), ncols=2)
         return [self._room, *self._nodes, *self._seen, *self._against, *self._fits, *self._plain]
 
-    def update(
-        self,
-        *,
-        lag_min: float,
-        error_arcsec: float,
-        bad_percent: int,
-        bad_arcsec: float,
-        seed: int,
-        **heat: Any,
-    ) -> Mapping[str, str]:
-        """Warm the twin, measure its angles with noise and bad frames, and fit them as a function
-        of temperature.
-        """
-        bench = ThermalBench(**_bench_fields(**heat))
-        run = warm_up(bench, time_s=np.arange(0.0, bench.duration_s, _FRAME_PERIOD_S))
-        rng = np.random.default_rng(seed)
-        errors = rng.normal(0.0, error_arcsec, run.angles_rad.shape)
-        errors += bad_arcsec * (rng.random((len(errors), 1)) < bad_percent / 100)
-        angles = run.angles_rad + arcsec_to_rad(errors)
-        lag_s = 60.0 * lag_min or None
-        robust = fit_sensitivity(run.room_degC, angles, time_s=run.time_s, lag_s=lag_s)
-        plain = fit_sensitivity(run.room_degC, angles, time_s=run.time_s, lag_s=lag_s, method="ls")
-        when = {"time_s": run.time_s}
-        self._show(
-            run,
-            rad_to_arcsec(angles),
-            rad_to_arcsec(robust.predict(run.room_degC, **when)),
-            rad_to_arcsec(plain.predict(run.room_degC, **when)),
-        )
+    def update(self, **settings: Any) -> Mapping[str, str]:
+        """Warm the twin, and fit its angles as a function of temperature."""
+        seen = self.experiment(**settings)
+        bench, run, fits = seen["bench"], seen["run"], seen["fits"]
+        robust, plain = fits["IRLS"], fits["least squares"]
+        laws = [
+            rad_to_arcsec(fit.predict(run.room_degC, time_s=run.time_s)) for fit in fits.values()
+        ]
+        self._show(run, rad_to_arcsec(seen["angles"]), *laws)
         rows = {
             "sensitivity, IRLS X · Y · Z (″/°C)": robust.k_arcsec_per_degC,
             "… least squares": plain.k_arcsec_per_degC,
@@ -173,50 +199,3 @@ class ThermalExplorer(Explorer):
         self._heat.set(xlim=(0, 60.0 * np.ceil(minutes[-1] / 60.0)), ylim=(17.5, warm))
         self._drift.set(xlim=self._heat.get_xlim(), ylim=limits)
         self._law.set(xlim=(17.5, warm), ylim=limits)
-
-    def code(
-        self,
-        *,
-        lag_min: float,
-        error_arcsec: float,
-        bad_percent: int,
-        bad_arcsec: float,
-        seed: int,
-        **heat: Any,
-    ) -> str:
-        """Return the twin's warm-up and the fit."""
-        arguments = "".join(
-            f"    {name}={value!r},\n" for name, value in _bench_fields(**heat).items()
-        )
-        return f"""\
-import numpy as np
-import losbench as lb
-from losbench.papers.liu2026 import ThermalBench, warm_up
-from losbench.units import arcsec_to_rad
-
-bench = ThermalBench(
-{arguments})
-run = warm_up(bench, time_s=np.arange(0.0, bench.duration_s, {_FRAME_PERIOD_S}))
-rng = np.random.default_rng({seed})
-errors = rng.normal(0.0, {error_arcsec}, run.angles_rad.shape)
-errors += {bad_arcsec} * (rng.random((len(errors), 1)) < {bad_percent} / 100)
-angles = run.angles_rad + arcsec_to_rad(errors)
-fit = lb.fit_sensitivity(run.room_degC, angles, time_s=run.time_s, lag_s={60.0 * lag_min or None})
-print(fit.k_arcsec_per_degC)"""
-
-
-def _bench_fields(
-    *,
-    room_end_degC: float,
-    ramp_min: int,
-    sensitivity_X: tuple[float, ...],
-    sensitivity_Y: tuple[float, ...],
-    sensitivity_Z: tuple[float, ...],
-    **links: tuple[float, ...],
-) -> dict[str, Any]:
-    return {
-        "room_end_degC": room_end_degC,
-        "ramp_s": 60.0 * ramp_min,
-        "sensitivity_arcsec_per_degC": (sensitivity_X, sensitivity_Y, sensitivity_Z),
-        **links,
-    }

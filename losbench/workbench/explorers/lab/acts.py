@@ -11,12 +11,11 @@ from matplotlib.artist import Artist
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from losbench.arrays import Bools, Floats
-from losbench.estimation.highbreakdown import mm
+import losbench as lb
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
-from losbench.workbench.explorers.lab.sample import HEAD, design, line
+from losbench.workbench.explorers.lab.sample import ERROR, design, line
 
 __all__ = ["MMActs"]
 
@@ -25,6 +24,22 @@ _COUNT = 20
 _S_EFFICIENCY = 0.2868  # of the bisquare whose scale survives one half, c = 1.5476
 _ENDS = np.array([-1.0, 20.0])
 _REACH = 12.0
+
+
+def points_on_a_level(*, bad: int, level: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the line, the last ones of which lie on a level of their own."""
+    x, y = line(_COUNT, seed)
+    rng = np.random.default_rng(seed)
+    rng.standard_normal(_COUNT)  # those of the line
+    y[_COUNT - bad :] = level + ERROR * rng.standard_normal(bad)
+    return x, y
+
+
+def fit_of_an_act(*, act: int, bad: int, level: float, seed: int) -> lb.RobustFit:
+    """Fit by MM; with 28.7 % efficiency, as in acts 1 and 2, it is the S-estimate itself."""
+    x, y = points_on_a_level(bad=bad, level=level, seed=seed)
+    efficiency = 0.95 if act == 3 else _S_EFFICIENCY
+    return lb.mm(design(x), y, efficiency=efficiency, on_fail="ignore")
 
 
 class MMActs(Explorer):
@@ -38,6 +53,8 @@ class MMActs(Explorer):
         "level": Slider("their level", 2.0, -5.0, 20.0, 0.25),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(fit_of_an_act)
+    answer = "seen.x[1], seen.scale"
     presets: ClassVar[dict[str, dict[str, Any]]] = {"act 2": {"act": 2}, "act 3": {"act": 3}}
     size_in = (8.4, 3.8)
 
@@ -78,8 +95,9 @@ class MMActs(Explorer):
 
     def update(self, *, act: int, bad: int, level: float, seed: int) -> Mapping[str, str]:
         """Play as far as this act."""
-        x, y, lifted = _data(bad, level, seed)
-        fit = mm(design(x), y, efficiency=0.95 if act == 3 else _S_EFFICIENCY, on_fail="ignore")
+        x, y = points_on_a_level(bad=bad, level=level, seed=seed)
+        lifted = np.arange(_COUNT) >= _COUNT - bad
+        fit = self.experiment(act=act, bad=bad, level=level, seed=seed)
         pairs = np.array(list(combinations(range(_COUNT), 2)))
         slope = np.diff(y[pairs], axis=1)[:, 0] / np.diff(x[pairs], axis=1)[:, 0]
         heights = y[pairs[:, :1]] + slope[:, None] * (_ENDS - x[pairs[:, :1]])
@@ -106,23 +124,3 @@ class MMActs(Explorer):
             "weight of all good points": f"{fit.weights[~lifted].mean():.3f} on average",
             "efficiency of this act": "95 %" if act == 3 else "29 %",
         }
-
-    def code(self, *, act: int, bad: int, level: float, seed: int) -> str:
-        """Return the fit of this act; one of 28.7 % is the S-estimate itself."""
-        return HEAD.format(seed=seed, count=_COUNT) + (
-            f"y[{_COUNT - bad}:] = {level} + 0.3 * rng.standard_normal({bad})\n"
-            "A = np.column_stack([np.ones_like(x), x])\n"
-            f"fit = lb.mm(A, y, efficiency={0.95 if act == 3 else _S_EFFICIENCY}, "
-            "on_fail='ignore')\n"
-            "print(fit.x[1], fit.scale)"
-        )
-
-
-def _data(bad: int, level: float, seed: int) -> tuple[Floats, Floats, Bools]:
-    """Points of the line, the last ones of which lie on a level of their own."""
-    x, y = line(_COUNT, seed)
-    lifted = np.arange(_COUNT) >= _COUNT - bad
-    rng = np.random.default_rng(seed)
-    rng.standard_normal(_COUNT)
-    y[lifted] = level + 0.3 * rng.standard_normal(bad)
-    return x, y, lifted

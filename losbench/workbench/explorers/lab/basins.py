@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.arrays import Floats
-from losbench.estimation.losses import Bisquare, Huber, Welsch
-from losbench.estimation.robust import irls
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Choice, Control, Field, Slider, whole_number
@@ -20,9 +19,29 @@ from losbench.workbench.explorers.controls import Choice, Control, Field, Slider
 __all__ = ["Basins"]
 
 
-_LOSSES: dict[str, Any] = {"Huber": Huber(), "Bisquare": Bisquare(), "Welsch": Welsch()}
+_LOSSES = ("Huber", "Bisquare", "Welsch")
 _GOOD, _BAD, _APART = 14, 6, 8.0
 _STARTS = np.linspace(-4.0, 12.0, 81)
+
+
+def two_heaps(seed: int) -> np.ndarray:
+    """Values about 0, and fewer and narrower ones far off."""
+    rng = np.random.default_rng(seed)
+    return np.concatenate([rng.standard_normal(_GOOD), _APART + 0.7 * rng.standard_normal(_BAD)])
+
+
+def where_it_ends(*, start: float | np.ndarray, loss: str, seed: int) -> lb.RobustFit:
+    """Reweight the mean of all values until it settles, from each start."""
+    y, starts = two_heaps(seed), np.reshape(start, (-1, 1))
+    return lb.irls(
+        np.ones((len(y), 1)),
+        np.broadcast_to(y, (len(starts), len(y))),
+        loss=getattr(lb, loss)(),
+        scale=1.0,
+        x0=starts,
+        max_iter=500,
+        on_fail="ignore",
+    )
 
 
 class Basins(Explorer):
@@ -35,6 +54,8 @@ class Basins(Explorer):
         "loss": Choice("loss", {name: name for name in _LOSSES}, "Bisquare"),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(where_it_ends)
+    answer = "seen.x[-1, 0]"
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "monotone": {"loss": "Huber"},
         "start at the median": {"start": 0.3},
@@ -66,10 +87,11 @@ class Basins(Explorer):
 
     def update(self, *, start: float, loss: str, seed: int) -> Mapping[str, str]:
         """Walk from every start, and from this one step by step."""
-        y, rule = _values(seed), _LOSSES[loss]
+        y, rule = two_heaps(seed), getattr(lb, loss)()
         total = rule.rho(_STARTS[:, None] - y).sum(axis=1)
         top = total.max()
         ends = _ends(loss, seed)
+        end = float(self.experiment(start=start, loss=loss, seed=seed).x[-1, 0])
         path = _path(rule, y, start)
         self._curve.set_data(_STARTS, total / top)
         self._values.set_data(y, np.zeros_like(y))
@@ -79,37 +101,16 @@ class Basins(Explorer):
         places = np.unique(ends.round(2))
         distinct = places[np.append(True, np.diff(places) > 0.1)]
         return {
-            "ends at": f"{path[-1]:.4f}",
+            "ends at": f"{end:.4f}",
             "steps": str(len(path) - 1),
             "different ends": " · ".join(f"{place:.2f}" for place in distinct),
             "median of all values": f"{np.median(y):.2f}",
         }
 
-    def code(self, *, start: float, loss: str, seed: int) -> str:
-        """Return the walk from this start."""
-        return f"""\
-import numpy as np
-import losbench as lb
-
-rng = np.random.default_rng({seed})
-y = np.concatenate([rng.standard_normal({_GOOD}), {_APART} + 0.7 * rng.standard_normal({_BAD})])
-fit = lb.irls(np.ones(({_GOOD + _BAD}, 1)), y, loss=lb.{loss}(), scale=1.0, x0=[{start}], max_iter=500)
-print(fit.x[0])"""
-
-
-def _values(seed: int) -> Floats:
-    rng = np.random.default_rng(seed)
-    return np.concatenate([rng.standard_normal(_GOOD), _APART + 0.7 * rng.standard_normal(_BAD)])
-
 
 @lru_cache(maxsize=32)
 def _ends(loss: str, seed: int) -> Floats:
-    y = np.broadcast_to(_values(seed), (len(_STARTS), _GOOD + _BAD))
-    A = np.ones((_GOOD + _BAD, 1))
-    fit = irls(
-        A, y, loss=_LOSSES[loss], scale=1.0, x0=_STARTS[:, None], max_iter=500, on_fail="ignore"
-    )
-    return fit.x[:, 0]
+    return where_it_ends(start=_STARTS, loss=loss, seed=seed).x[:, 0]
 
 
 def _path(rule: Any, y: Floats, start: float) -> Floats:

@@ -9,16 +9,32 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, LogSlider, Slider, whole_number
-from losbench.workbench.explorers.lab.sample import HEAD, TRUTH, all_fits, design, line, lines
+from losbench.workbench.explorers.lab.sample import TRUTH, all_fits, design, line, lines
 
 __all__ = ["BreakdownMeter"]
 
 _COUNT, _MOST = 20, 12
 _METHODS = ("least squares", "Huber", "LTS", "MM")
 _SURVIVED = 3.0  # a fit that is nowhere farther off than ten sigma
+
+
+def lifted_points(*, bad: int | np.ndarray, off: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return heights of the points and which of them are lifted, a row for each number of them."""
+    _, y = line(_COUNT, seed)
+    lifted = np.arange(_COUNT) >= _COUNT - np.reshape(bad, (-1, 1))
+    return y + off * lifted, lifted
+
+
+def fits_with_lifted_points(
+    *, bad: int | np.ndarray, off: float, seed: int
+) -> dict[str, lb.RobustFit]:
+    """Fit a line whose last points are lifted together, once for each number of them."""
+    y, _ = lifted_points(bad=bad, off=off, seed=seed)
+    return all_fits(design(np.arange(float(_COUNT))), y, _METHODS)
 
 
 class BreakdownMeter(Explorer):
@@ -31,6 +47,8 @@ class BreakdownMeter(Explorer):
         "off": LogSlider("lifted by", 20.0, 1.0, 1000.0),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(fits_with_lifted_points)
+    answer = "*(fit.x[-1, 1] for fit in seen.values())"
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "nine of twenty": {"bad": 9},
         "ten of twenty": {"bad": 10},
@@ -52,10 +70,9 @@ class BreakdownMeter(Explorer):
 
     def update(self, *, bad: int, off: float, seed: int) -> Mapping[str, str]:
         """Fit with every number of bad points."""
-        x, y = line(_COUNT, seed)
-        lifted = np.arange(_COUNT) >= _COUNT - np.arange(_MOST + 1)[:, None]
-        every = y + off * lifted
-        fits = all_fits(design(x), every, _METHODS)
+        counts, x = np.arange(_MOST + 1), np.arange(float(_COUNT))
+        every, lifted = lifted_points(bad=counts, off=off, seed=seed)
+        fits = self.experiment(bad=counts, off=off, seed=seed)
         good = ~lifted[bad]
         self._points.set_data(x[good], every[bad][good])
         self._bad.set_data(x[~good], every[bad][~good])
@@ -63,7 +80,7 @@ class BreakdownMeter(Explorer):
         for name, fit in fits.items():
             self._lines[name].set_data(x, design(x) @ fit.x[bad])
             errors = np.abs((fit.x - TRUTH) @ design(x).T).max(axis=1)
-            self._curves[name].set_data(np.arange(_MOST + 1), errors)
+            self._curves[name].set_data(counts, errors)
             survived[name] = (
                 int(np.argmax(errors > _SURVIVED)) - 1 if (errors > _SURVIVED).any() else _MOST
             )
@@ -71,12 +88,3 @@ class BreakdownMeter(Explorer):
         return {f"{name} survives": f"{count} of {_COUNT}" for name, count in survived.items()} | {
             "slope now, MM": f"{fits['MM'].x[bad, 1]:.3f}"
         }
-
-    def code(self, *, bad: int, off: float, seed: int) -> str:
-        """Return the fits of this many bad points."""
-        return HEAD.format(seed=seed, count=_COUNT) + (
-            f"y[{_COUNT - bad}:] += {off}\n"
-            "A = np.column_stack([np.ones_like(x), x])\n"
-            "fit = lb.mm(A, y)\n"
-            "print(lb.lstsq(A, y).x, lb.irls(A, y, max_iter=300).x, lb.lts(A, y).x, fit.x)"
-        )

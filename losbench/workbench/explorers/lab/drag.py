@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
-from losbench.workbench.explorers.lab.sample import HEAD, TRUTH, all_fits, design, line, lines
+from losbench.workbench.explorers.lab.sample import TRUTH, all_fits, design, line, lines
 
 __all__ = ["DragPoint"]
 
@@ -20,6 +21,17 @@ _COUNT = 12
 _METHODS = ("least squares", "Huber", "MM")
 _HEIGHTS = np.linspace(-25.0, 25.0, 101)
 _NEAR = 0.1
+
+
+def fits_with_the_last_point_at(
+    *, height: float | np.ndarray, place: float, seed: int
+) -> dict[str, lb.RobustFit]:
+    """Fit a line whose last point has been moved, once for each height."""
+    x, y = line(_COUNT, seed)
+    x[-1] = place
+    every = np.repeat(y[None], np.size(height), axis=0)
+    every[:, -1] = height
+    return all_fits(design(x), every, _METHODS)
 
 
 class DragPoint(Explorer):
@@ -32,6 +44,8 @@ class DragPoint(Explorer):
         "place": Slider("its place along x", 9.0, 0.0, 20.0, 0.5),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(fits_with_the_last_point_at)
+    answer = "*(fit.x[-1, 1] for fit in seen.values())"
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "on the line": {"height": 5.5, "place": 9.0},
         "in the middle": {"place": 5.5},
@@ -68,12 +82,9 @@ class DragPoint(Explorer):
     def update(self, *, height: float, place: float, seed: int) -> Mapping[str, str]:
         """Fit with the point at every height, and at this one."""
         x, y = line(_COUNT, seed)
-        x[-1], y[-1] = place, height
-        every = np.repeat(y[None], len(_HEIGHTS) + 1, axis=0)
-        every[:-1, -1] = _HEIGHTS
-        fits = all_fits(design(x), every, _METHODS)
+        fits = self.experiment(height=np.append(_HEIGHTS, height), place=place, seed=seed)
         self._points.set_data(x[:-1], y[:-1])
-        self._point.set_data(x[-1:], y[-1:])
+        self._point.set_data([place], [height])
         ends = np.array([-1.0, 21.0])
         for name, fit in fits.items():
             self._lines[name].set_data(ends, fit.x[-1, 0] + fit.x[-1, 1] * ends)
@@ -85,12 +96,3 @@ class DragPoint(Explorer):
         return texts | {
             f"its weight, {name}": f"{fits[name].weights[-1, -1]:.3f}" for name in _METHODS[1:]
         }
-
-    def code(self, *, height: float, place: float, seed: int) -> str:
-        """Return the three fits."""
-        return HEAD.format(seed=seed, count=_COUNT) + (
-            f"x[-1], y[-1] = {place}, {height}\n"
-            "A = np.column_stack([np.ones_like(x), x])\n"
-            "fit = lb.mm(A, y)\n"
-            "print(lb.lstsq(A, y).x[1], lb.irls(A, y, max_iter=300).x[1], fit.x[1])"
-        )

@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from losbench.arrays import Floats, Indices
-from losbench.estimation.breakdown import design_breakdown
+import losbench as lb
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Slider
@@ -20,6 +19,21 @@ __all__ = ["YourLayout", "ring"]
 
 
 _MOST = 14
+
+
+def spots_on_an_arc(*, spots: int, arc_deg: int, away: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places u, v of spots on a unit circle or a part of it, the first one moved along u."""
+    steps = spots if arc_deg == 360 else max(spots - 1, 1)
+    turn = np.deg2rad(arc_deg) * np.arange(spots) / steps
+    u, v = np.cos(turn), np.sin(turn)
+    u[0], v[0] = away, 0.0
+    return u, v
+
+
+def breakdown_of_a_layout(*, spots: int, arc_deg: int, away: float) -> lb.DesignBreakdown:
+    """Count the bad spots that two shifts and a turn survive, whatever the bad ones say."""
+    u, v = spots_on_an_arc(spots=spots, arc_deg=arc_deg, away=away)
+    return lb.design_breakdown(spot_rows(u, v), group=np.repeat(np.arange(spots), 2))
 
 
 class YourLayout(Explorer):
@@ -32,6 +46,8 @@ class YourLayout(Explorer):
         "arc_deg": Slider("arc that they fill", 360, 20, 360, 5, "°"),
         "away": Slider("first spot off centre", 1.0, 0.0, 5.0, 0.1, "radii"),
     }
+    experiment = staticmethod(breakdown_of_a_layout)
+    answer = "seen.monotone, seen.any"
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "two spots": {"spots": 2},
         "half a ring": {"arc_deg": 180},
@@ -66,8 +82,8 @@ class YourLayout(Explorer):
 
     def update(self, *, spots: int, arc_deg: int, away: float) -> Mapping[str, str]:
         """Find the breakdown of the layout."""
-        u, v = _arc(spots, arc_deg, away)
-        found = design_breakdown(spot_rows(u, v), group=np.repeat(np.arange(spots), 2))
+        found = self.experiment(spots=spots, arc_deg=arc_deg, away=away)
+        u, v = spots_on_an_arc(spots=spots, arc_deg=arc_deg, away=away)
         a, b, turn = found.direction
         pull = np.hypot(a - turn * v, b + turn * u)
         worst = np.argsort(-pull, kind="stable")[: found.monotone + 1]
@@ -82,30 +98,8 @@ class YourLayout(Explorer):
             "equations · unknowns": f"{2 * spots} · 3",
         }
 
-    def code(self, *, spots: int, arc_deg: int, away: float) -> str:
-        """Return the rows and the call."""
-        return f"""\
-import numpy as np
-import losbench as lb
 
-turn = np.deg2rad({arc_deg}) * np.arange({spots}) / {spots if arc_deg == 360 else max(spots - 1, 1)}
-u, v = np.cos(turn), np.sin(turn)
-u[0], v[0] = {away}, 0.0
-A = np.zeros(({spots}, 2, 3))
-A[:, 0, 0] = A[:, 1, 1] = 1.0
-A[:, 0, 2], A[:, 1, 2] = -v, u
-found = lb.design_breakdown(A.reshape(-1, 3), group=np.repeat(np.arange({spots}), 2))
-print(found.monotone, found.any)"""
-
-
-def ring(spots: int) -> tuple[Floats, Indices]:
+def ring(spots: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows of spots on a unit circle, and the spot of each row."""
     turn = 2.0 * np.pi * np.arange(spots) / spots
     return spot_rows(np.cos(turn), np.sin(turn)), np.repeat(np.arange(spots), 2)
-
-
-def _arc(spots: int, arc_deg: int, away: float) -> tuple[Floats, Floats]:
-    turn = np.deg2rad(arc_deg) * np.arange(spots) / (spots if arc_deg == 360 else max(spots - 1, 1))
-    u, v = np.cos(turn), np.sin(turn)
-    u[0], v[0] = away, 0.0
-    return u, v

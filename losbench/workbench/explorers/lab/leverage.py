@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
-from losbench.workbench.explorers.lab.sample import HEAD, all_fits, design, line, lines
+from losbench.workbench.explorers.lab.sample import all_fits, design, line, lines
 
 __all__ = ["Leverage"]
 
@@ -20,6 +21,15 @@ _COUNT = 12
 _METHODS = ("least squares", "Huber", "MM")
 _PLACES = np.linspace(0.0, 60.0, 41)
 _HEIGHT = 0.0
+
+
+def fits_with_a_bad_point_at(*, place: float | np.ndarray, seed: int) -> dict[str, lb.RobustFit]:
+    """Fit a line whose last point lies far below it, once for each place along x."""
+    x, y = line(_COUNT, seed)
+    y[-1] = _HEIGHT
+    every = np.repeat(x[None], np.size(place), axis=0)
+    every[:, -1] = place
+    return all_fits(design(every), y, _METHODS)
 
 
 class Leverage(Explorer):
@@ -31,6 +41,8 @@ class Leverage(Explorer):
         "place": Slider("place of the bad point", 30.0, 0.0, 60.0, 0.5),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(fits_with_a_bad_point_at)
+    answer = 'seen["least squares"].leverage[-1, -1], seen["Huber"].x[-1, 1], seen["MM"].x[-1, 1]'
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "in the middle": {"place": 5.5},
         "far out": {"place": 60.0},
@@ -70,10 +82,7 @@ class Leverage(Explorer):
     def update(self, *, place: float, seed: int) -> Mapping[str, str]:
         """Fit with the bad point everywhere, and here."""
         x, y = line(_COUNT, seed)
-        y[-1] = _HEIGHT
-        every = np.repeat(x[None], len(_PLACES) + 1, axis=0)
-        every[:, -1] = [*_PLACES, place]
-        fits = all_fits(design(every), y, _METHODS)
+        fits = self.experiment(place=np.append(_PLACES, place), seed=seed)
         self._points.set_data(x[:-1], y[:-1])
         self._bad.set_data([place], [_HEIGHT])
         ends = np.array([-1.0, 62.0])
@@ -89,12 +98,3 @@ class Leverage(Explorer):
             "its residual, least squares": f"{least.residuals[-1, -1]:.2f}",
             "its weight, Huber": f"{fits['Huber'].weights[-1, -1]:.3f}",
         }
-
-    def code(self, *, place: float, seed: int) -> str:
-        """Return the three fits."""
-        return HEAD.format(seed=seed, count=_COUNT) + (
-            f"x[-1], y[-1] = {place}, {_HEIGHT}\n"
-            "A = np.column_stack([np.ones_like(x), x])\n"
-            "fit = lb.mm(A, y)\n"
-            "print(lb.lstsq(A, y).leverage[-1], lb.irls(A, y, max_iter=300).x[1], fit.x[1])"
-        )

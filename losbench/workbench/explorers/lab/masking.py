@@ -11,17 +11,29 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from losbench.estimation.breakdown import deletion_residuals
+import losbench as lb
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
-from losbench.workbench.explorers.lab.sample import HEAD, all_fits, design, line, lines
+from losbench.workbench.explorers.lab.sample import all_fits, design, line, lines
 
 __all__ = ["Masking"]
 
 _COUNT = 16
 _METHODS = ("least squares", "MM")
 _LIMIT = 3.0
+
+
+def two_hunts(*, bad: int, off: float, seed: int) -> dict[str, Any]:
+    """Lift the last points of a line, and measure every point one by one and against MM."""
+    x, y = line(_COUNT, seed)
+    y[_COUNT - bad :] += off
+    fits = all_fits(design(x), y, _METHODS)
+    measures = {
+        "one by one": np.abs(lb.deletion_residuals(fits["least squares"])),
+        "against MM": np.abs(fits["MM"].residuals) / fits["MM"].scale,
+    }
+    return {"y": y, "fits": fits, "measures": measures}
 
 
 class Masking(Explorer):
@@ -34,6 +46,8 @@ class Masking(Explorer):
         "off": Slider("lifted by", 6.0, 0.0, 15.0, 0.2),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(two_hunts)
+    answer = f'*(np.flatnonzero(each > {_LIMIT}) for each in seen["measures"].values())'
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "one alone": {"bad": 1},
         "three together": {"bad": 3},
@@ -66,19 +80,18 @@ class Masking(Explorer):
 
     def update(self, *, bad: int, off: float, seed: int) -> Mapping[str, str]:
         """Fit, and measure every point both ways."""
-        x, y = line(_COUNT, seed)
+        seen = self.experiment(bad=bad, off=off, seed=seed)
+        x, y = np.arange(float(_COUNT)), seen["y"]
         lifted = np.arange(_COUNT) >= _COUNT - bad
-        y = y + off * lifted
-        fits = all_fits(design(x), y, _METHODS)
-        single = np.abs(deletion_residuals(fits["least squares"]))
-        robust = np.abs(fits["MM"].residuals) / fits["MM"].scale
         self._points.set_data(x[~lifted], y[~lifted])
         self._bad.set_data(x[lifted], y[lifted])
-        for name, fit in fits.items():
+        for name, fit in seen["fits"].items():
             self._lines[name].set_data(x, design(x) @ fit.x)
-        for marks, values in ((self._single, single), (self._robust, robust)):
+        for marks, values in zip(
+            (self._single, self._robust), seen["measures"].values(), strict=True
+        ):
             marks.set_data(x, np.clip(values, 0.011, 290.0))
-        counts = {"one by one": single > _LIMIT, "against MM": robust > _LIMIT}
+        counts = {name: values > _LIMIT for name, values in seen["measures"].items()}
         texts = {
             f"bad ones found, {name}": f"{int((found & lifted).sum())} of {bad}"
             for name, found in counts.items()
@@ -87,13 +100,3 @@ class Masking(Explorer):
             f"good ones accused, {name}": f"{int((found & ~lifted).sum())}"
             for name, found in counts.items()
         }
-
-    def code(self, *, bad: int, off: float, seed: int) -> str:
-        """Return both hunts."""
-        return HEAD.format(seed=seed, count=_COUNT) + (
-            f"y[{_COUNT - bad}:] += {off}\n"
-            "A = np.column_stack([np.ones_like(x), x])\n"
-            "fit = lb.mm(A, y)\n"
-            "print(np.flatnonzero(np.abs(lb.deletion_residuals(lb.lstsq(A, y))) > 3), "
-            "np.flatnonzero(fit.outliers()))"
-        )

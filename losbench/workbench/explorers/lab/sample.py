@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from losbench.arrays import Floats
-from losbench.estimation.highbreakdown import lts, mm
-from losbench.estimation.robust import RobustFit, irls, lstsq
+import losbench as lb
 from losbench.figures import COLOURS
 
-__all__ = ["ERROR", "HEAD", "TRUTH", "all_fits", "design", "line", "lines"]
+__all__ = ["ERROR", "INTERCEPT", "SLOPE", "TRUTH", "all_fits", "design", "line", "lines"]
 
 
-TRUTH = np.array([1.0, 0.5])
-ERROR = 0.3
+INTERCEPT, SLOPE, ERROR = 1.0, 0.5, 0.3
+TRUTH = np.array([INTERCEPT, SLOPE])
 _LOOKS: dict[str, dict[str, Any]] = {
     "least squares": {"color": COLOURS["orange"], "ls": "--"},
     "Huber": {
@@ -30,34 +28,26 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "MM": {"color": COLOURS["green"], "ls": "-."},
 }
 
-HEAD = f"""\
-import numpy as np
-import losbench as lb
 
-rng = np.random.default_rng({{seed}})
-x = np.arange({{count}}.0)
-y = {TRUTH[0]} + {TRUTH[1]} * x + {ERROR} * rng.standard_normal({{count}})
-"""
-
-
-def line(count: int, seed: int) -> tuple[Floats, Floats]:
+def line(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return x = 0 .. count - 1 and y on the true line with noise."""
     x = np.arange(float(count))
-    return x, TRUTH[0] + TRUTH[1] * x + ERROR * np.random.default_rng(seed).standard_normal(count)
+    noise = ERROR * np.random.default_rng(seed).standard_normal(count)
+    return x, INTERCEPT + SLOPE * x + noise
 
 
-def design(x: Floats) -> Floats:
+def design(x: np.ndarray) -> np.ndarray:
     """Design matrix (..., n, 2) of a straight line."""
     return np.stack([np.ones_like(x), x], axis=-1)
 
 
-def all_fits(A: Floats, y: Floats, names: Sequence[str]) -> dict[str, RobustFit]:
+def all_fits(A: np.ndarray, y: np.ndarray, names: tuple[str, ...]) -> dict[str, lb.RobustFit]:
     """Fit by the methods named; what does not settle in time is shown as far as it got."""
-    methods: dict[str, Any] = {
-        "least squares": lstsq,
-        "Huber": lambda A, y: irls(A, y, max_iter=300, tol=1e-6, on_fail="ignore"),
-        "LTS": lts,
-        "MM": lambda A, y: mm(A, y, on_fail="ignore"),
+    methods: dict[str, Callable[[np.ndarray, np.ndarray], lb.RobustFit]] = {
+        "least squares": lb.lstsq,
+        "Huber": lambda A, y: lb.irls(A, y, max_iter=300, tol=1e-6, on_fail="ignore"),
+        "LTS": lb.lts,
+        "MM": lambda A, y: lb.mm(A, y, on_fail="ignore"),
     }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

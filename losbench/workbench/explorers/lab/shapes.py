@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar
 
@@ -11,20 +10,28 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.arrays import Floats
-from losbench.estimation.influence import efficiency, gross_error_sensitivity
-from losbench.estimation.losses import Bisquare, Cauchy, Hampel, Huber, Welsch
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Choice, Control, Slider
 
 __all__ = ["LossShapes"]
 
-_LOSSES: dict[str, Any] = {
-    loss.__name__: loss() for loss in (Huber, Bisquare, Cauchy, Welsch, Hampel)
-}
+_LOSSES = ("Huber", "Bisquare", "Cauchy", "Welsch", "Hampel")
 _U = np.linspace(-8.0, 8.0, 321)
 _FACTORS = np.linspace(0.2, 2.0, 37)
+
+
+def loss_and_its_cost(*, loss: str, factor: float) -> dict[str, Any]:
+    """Scale the constants of a loss, and say what it keeps and what it lets a bad value do."""
+    default = getattr(lb, loss)()
+    scaled = type(default)(**{name: value * factor for name, value in vars(default).items()})
+    return {
+        "loss": scaled,
+        "efficiency": lb.efficiency(scaled),
+        "gross error sensitivity": lb.gross_error_sensitivity(scaled),
+    }
 
 
 class LossShapes(Explorer):
@@ -36,6 +43,8 @@ class LossShapes(Explorer):
         "loss": Choice("loss", {name: name for name in _LOSSES}, "Huber"),
         "factor": Slider("constant, in that of 95 %", 1.0, 0.2, 2.0, 0.02),
     }
+    experiment = staticmethod(loss_and_its_cost)
+    answer = '100 * seen["efficiency"], seen["gross error sensitivity"]'
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "nearly the median": {"loss": "Huber", "factor": 0.2}
     }
@@ -64,39 +73,24 @@ class LossShapes(Explorer):
 
     def update(self, *, loss: str, factor: float) -> Mapping[str, str]:
         """Draw the loss with this constant."""
-        chosen = _scaled(loss, factor)
+        seen = self.experiment(loss=loss, factor=factor)
+        chosen, kept = seen["loss"], seen["efficiency"]
         for line, values in zip(
             self._curves, (chosen.rho(_U), chosen.psi(_U), chosen.weights(_U)), strict=True
         ):
             line.set_data(_U, values)
         self._cost.set_data(_FACTORS, 100.0 * _efficiencies(loss))
-        kept = efficiency(chosen)
         constants = ", ".join(f"{name} = {value:.4g}" for name, value in vars(chosen).items())
         self._name.set_text(f"{loss}, {constants}")
         self._here.set_data([factor], [100.0 * kept])
         return {
             "constant": constants,
             "efficiency on normal errors": f"{100.0 * kept:.2f} %",
-            "most that one bad value can do": f"{gross_error_sensitivity(chosen):.3f} scales / n",
+            "most that one bad value can do": f"{seen['gross error sensitivity']:.3f} scales / n",
         }
-
-    def code(self, *, loss: str, factor: float) -> str:
-        """Return the loss and its two numbers."""
-        constants = ", ".join(
-            f"{name}={value!r}" for name, value in vars(_scaled(loss, factor)).items()
-        )
-        return (
-            "import losbench as lb\n\n"
-            f"loss = lb.{loss}({constants})\n"
-            "print(100 * lb.efficiency(loss), lb.gross_error_sensitivity(loss))"
-        )
-
-
-def _scaled(loss: str, factor: float) -> Any:
-    default = _LOSSES[loss]
-    return replace(default, **{name: value * factor for name, value in vars(default).items()})
 
 
 @cache
 def _efficiencies(loss: str) -> Floats:
-    return np.array([efficiency(_scaled(loss, float(factor))) for factor in _FACTORS])
+    costs = [loss_and_its_cost(loss=loss, factor=float(factor)) for factor in _FACTORS]
+    return np.array([cost["efficiency"] for cost in costs])

@@ -25,12 +25,8 @@ METHODS: dict[str, dict[str, Any]] = {
 _OFF = 100.0  # of the bad spot, in standard deviations of a good one
 
 
-def spot_rows(u: Floats, v: Floats) -> Floats:
-    """Rows (1, 0, -v) and (0, 1, u) of spots at (u, v), (2 n, 3): two shifts and a turn.
-
-    >>> spot_rows(np.array([1.0]), np.array([2.0])).tolist()
-    [[1.0, 0.0, -2.0], [0.0, 1.0, 1.0]]
-    """
+def spot_rows(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Rows (1, 0, -v) and (0, 1, u) of spots at (u, v), (2 n, 3): two shifts and a turn."""
     A = np.zeros((len(u), 2, 3))
     A[:, 0, 0] = A[:, 1, 1] = 1.0
     A[:, 0, 2], A[:, 1, 2] = -v, u
