@@ -9,40 +9,58 @@ VENV := .venv
 RUN := $(VENV)/bin
 READY := $(VENV)/.ready
 BENCH_READY := $(VENV)/.bench-ready
+FLOOR_VENV := .venv-floor
+FLOOR_READY := $(FLOOR_VENV)/.ready
+FLOOR_ROOMS := estimation imaging pointing recording papers
 LOCK_FLAGS := --quiet --generate-hashes --no-header --no-annotate --universal --no-emit-index-url \
-	--no-emit-find-links --python-version 3.11 \
-	--extra fits --extra data --extra cluster --extra test --extra browser
+	--no-emit-find-links --python-version 3.11
+LOCK_EXTRAS := --extra fits --extra hdf5 --extra tiff --extra data --extra cluster --extra test --extra lint --extra mutants --extra browser
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+SEED ?= 10
+COUNT ?= 200
 
-.PHONY: help reproduce test lab bench soak lock clean
+.PHONY: help reproduce test test-floor mutants lab bench compare soak lock clean
 
 help:  ## show this list
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do printf '  make %-10s %s\n' "$$name" "$$text"; done
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do printf '  make %-11s %s\n' "$$name" "$$text"; done
 
 reproduce: $(READY)  ## run the notebooks: figures, tables, pages and verdicts into build/
 	@$(RUN)/losbench reproduce
 
-test: $(READY)  ## check style and types, then run the tests
+test: $(READY)  ## check style, types and spelling, then run the tests
 	$(RUN)/ruff check
 	$(RUN)/ruff format --check
+	$(RUN)/codespell
 	$(RUN)/mypy
 	$(RUN)/python -m pytest -n 2
+
+test-floor: $(FLOOR_READY)  ## run the library's tests with the oldest packages that pyproject.toml allows
+	$(FLOOR_VENV)/bin/python -m pytest -n 2 $(addprefix tests/,$(FLOOR_ROOMS))
+
+mutants: $(READY)  ## change one line at a time, and see whether a test notices (SEED=10 COUNT=200)
+	$(ONE_THREAD) $(RUN)/python benchmarks/mutants.py --seed $(SEED) --count $(COUNT)
 
 lab: $(READY)  ## open the notebooks in JupyterLab
 	$(RUN)/jupyter lab notebooks
 
 bench: $(BENCH_READY)  ## measure speed against peers, naive baselines and physical limits
-	@missed=0; for script in benchmarks/bench_*.py; do echo "== $$script"; OMP_NUM_THREADS=1 $(RUN)/python "$$script" || missed=1; done; exit $$missed
+	@missed=0; for script in benchmarks/bench_*.py; do echo "== $$script"; $(ONE_THREAD) $(RUN)/python "$$script" || missed=1; done; exit $$missed
+
+compare: $(BENCH_READY)  ## the benches of two commits in turns, five rounds (OLD=commit NEW=commit)
+	$(ONE_THREAD) $(RUN)/python benchmarks/compare.py $(OLD) $(NEW)
 
 soak: $(READY)  ## ten minutes of random slider moves over all explorers
 	$(RUN)/python benchmarks/soak_explorers.py
 
-lock:  ## renew both locks from pyproject.toml (needs uv)
+lock:  ## renew the locks from pyproject.toml (needs uv)
 	@test -n "$(UV)" || { echo "make lock needs uv: https://docs.astral.sh/uv/"; exit 1; }
-	printf 'hatchling\neditables\n' | "$(UV)" pip compile $(LOCK_FLAGS) pyproject.toml - -o requirements.lock
-	printf 'hatchling\neditables\n' | "$(UV)" pip compile $(LOCK_FLAGS) --extra bench --constraint requirements.lock \
-		pyproject.toml - -o requirements-bench.lock
+	printf 'hatchling\neditables\n' | "$(UV)" pip compile $(LOCK_FLAGS) $(LOCK_EXTRAS) pyproject.toml - -o requirements.lock
+	printf 'hatchling\neditables\n' | "$(UV)" pip compile $(LOCK_FLAGS) $(LOCK_EXTRAS) --extra bench \
+		--constraint requirements.lock pyproject.toml - -o requirements-bench.lock
+	printf 'hatchling>=1.27\neditables>=0.5\npyparsing>=3.1,<3.3\n' | "$(UV)" pip compile $(LOCK_FLAGS) --extra fits --extra hdf5 --extra test \
+		--resolution lowest-direct pyproject.toml - -o requirements-floor.lock
 
-clean:  ## remove what was made, the environment apart
+clean:  ## remove what was made, the environments apart
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(READY): requirements.lock pyproject.toml
@@ -51,4 +69,8 @@ $(READY): requirements.lock pyproject.toml
 
 $(BENCH_READY): requirements-bench.lock $(READY)
 	@PYTHON="$(PYTHON)" UV="$(UV)" ./.ci/set-up $(VENV) requirements-bench.lock
+	@touch $@
+
+$(FLOOR_READY): requirements-floor.lock pyproject.toml
+	@PYTHON="$(PYTHON)" UV="$(UV)" ./.ci/set-up $(FLOOR_VENV) requirements-floor.lock
 	@touch $@

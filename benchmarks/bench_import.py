@@ -2,11 +2,10 @@
 of several.
 """
 
-import statistics
 import subprocess
 import sys
 
-LIMIT = 4.0
+from side_by_side import report, within
 
 
 def seconds(module: str) -> float:
@@ -21,11 +20,7 @@ def seconds(module: str) -> float:
 def main() -> None:
     pairs = [(seconds("numpy"), seconds("losbench")) for _ in range(9)]
     numpy, losbench = (min(column) for column in zip(*pairs, strict=True))
-    median = statistics.median(ours / theirs for theirs, ours in pairs)
-    print(f"import numpy    {1e3 * numpy:7.1f} ms")
-    print(f"import losbench {1e3 * losbench:7.1f} ms")
-    print(f"ratio {losbench / numpy:.2f}, median {median:.2f}, at most {LIMIT}")
-    sys.exit(losbench / numpy > LIMIT)
+    report("import", [within("import losbench", losbench, "import numpy", numpy, 4.0)])
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ def test_a_notebook_is_stored_clean(path):
     assert notebook["cells"][0]["source"][0].startswith("# ")
 
 
-@pytest.mark.parametrize("name", ["requirements.lock", "requirements-bench.lock"])
+@pytest.mark.parametrize("name", sorted(path.name for path in ROOT.glob("*.lock")))
 def test_a_lock_pins_every_package_by_hash_and_names_no_address(name):
     text = (ROOT / name).read_text(encoding="utf-8")
     assert "://" not in text

@@ -94,13 +94,12 @@ class quiet_opencv:
 
         # FFmpeg asks the environment how loud to be.
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-        self._level = cv2.utils.logging.getLogLevel()
-        cv2.utils.logging.setLogLevel(0)
+        self._log = getattr(cv2.utils, "logging", cv2)  # where OpenCV 5 and 4 have it
+        self._level = self._log.getLogLevel()
+        self._log.setLogLevel(0)
 
     def __exit__(self, *_: object) -> None:
-        import cv2
-
-        cv2.utils.logging.setLogLevel(self._level)
+        self._log.setLogLevel(self._level)
 
 
 def _close(handle: Any) -> None:
