@@ -57,8 +57,8 @@ def declared(*extras):
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
-        ("losbench", ["fits"]),
-        ("tests", ["fits", "test", "cluster", "data", "browser"]),
+        ("losbench", ["fits", "hdf5", "tiff"]),
+        ("tests", ["fits", "hdf5", "tiff", "test", "cluster", "data", "browser"]),
         ("benchmarks", ["test", "mutants", "bench"]),
         ("data", ["data"]),
     ],
@@ -86,7 +86,7 @@ def test_the_floor_lock_pins_the_floors():
     lock = (ROOT / "requirements-floor.lock").read_text(encoding="utf-8")
     pinned = dict(re.findall(r"^([a-z0-9-]+)==([\d.]+)", lock, re.MULTILINE))
     extras = PROJECT["optional-dependencies"]
-    for each in (*PROJECT["dependencies"], *extras["fits"], *extras["test"]):
+    for each in (*PROJECT["dependencies"], *extras["fits"], *extras["hdf5"], *extras["test"]):
         name, floor = re.match(r"([\w-]+)>=([\d.]+)", each).groups()
         assert (pinned[name] + ".").startswith(floor + ".") or pinned[name] == floor + ".0", each
 
