@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from losbench.cli.arguments import Commands, add_dialect, dialect_options, pairs
+from losbench.cli.frames import add_frames, recording_of
 
 __all__ = ["add"]
 
@@ -51,11 +52,7 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         epilog=_FILES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "frames",
-        type=Path,
-        help="folder of PNG/TIFF or target pixel files; or a TIFF, .npy, .npz, FITS file",
-    )
+    add_frames(parser)
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument(
         "--force", action="store_true", help="write into an existing folder that is not empty"
@@ -76,20 +73,6 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         metavar="STANDARD=OWN",
         help="name of a log column, e.g. temperature_degC=T1",
     )
-    parser.add_argument(
-        "--times", type=Path, metavar="CSV", help="frame times, column time_s or time"
-    )
-    parser.add_argument(
-        "--times-column",
-        action="append",
-        default=[],
-        metavar="STANDARD=OWN",
-        help="name of a column of the frame times, e.g. time=Clock",
-    )
-    parser.add_argument(
-        "--period-s", type=float, help="time between frames, if there is no such file"
-    )
-    parser.add_argument("--start", metavar="UTC", help="time of the first frame, with --period-s")
     parser.add_argument(
         "--spots",
         metavar="X,Y ...",
@@ -125,12 +108,6 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--solver", default="auto", choices=["auto", "irls", "ls"], help="angles (%(default)s)"
     )
-    parser.add_argument(
-        "--unreadable",
-        default="stop",
-        choices=["stop", "skip"],
-        help="what a broken frame does (%(default)s)",
-    )
     add_dialect(parser)
     parser.set_defaults(run=_run)
 
@@ -140,7 +117,6 @@ def _run(options: argparse.Namespace) -> int:
     from losbench.logs import read_temperature_log, read_times
     from losbench.optics.camera import Camera
     from losbench.recording.measure import measure
-    from losbench.recording.readers import read_recording
     from losbench.recording.report import write_report
     from losbench.resources import free_folder
 
@@ -159,20 +135,13 @@ def _run(options: argparse.Namespace) -> int:
     )
     named = pairs(options.times_column, _COLUMN.format("times-"))
     times = read_times(options.times, None, columns=named, **dialect) if options.times else None
-    recording = read_recording(
-        options.frames,
-        times=times,
-        period_s=options.period_s,
-        start=options.start,
-        on_unreadable=options.unreadable,
-    )
+    recording = recording_of(options, detector, times)
     measurement = measure(
         recording,
         camera,
         spots=_spots(options.spots),
         n_spots=options.n_spots,
         temperature=log,
-        detector=detector,
         method=options.method,
         window=options.window,
         background=options.background,

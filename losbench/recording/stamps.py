@@ -91,6 +91,11 @@ class Stamp:
             stack[:, bad] = np.nan
         return Block(stack, good, skipped)
 
+    def load(self, k: int) -> NDArray[Any]:
+        """Return one frame, (rows, cols)."""
+        frame: NDArray[Any] = self.read(k, k + 1, skip=False).frames[0]
+        return frame
+
     def _one_by_one(self, first: int, stack: NDArray[Any]) -> dict[int, str]:
         skipped = {}
         for k, row in enumerate(stack, first):

@@ -73,6 +73,7 @@ def measurement_table(
             columns[f"{axis}_arcsec"] = rad_to_arcsec(attitude.angles[:, i])
             columns[f"sigma_{axis}_arcsec"] = spread[:, i]
         columns["p_value"] = attitude.p_value
+    columns["source"] = [recording.label(k) for k in range(recording.n_frames)]
     return pd.DataFrame(columns)
 
 

@@ -79,9 +79,13 @@ class Member:
 
     def __call__(self, path: Path) -> BinaryIO:
         unpacked: BinaryIO = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115 - `opened` closes it
-        with zipfile.ZipFile(path) as archive, archive.open(self.name) as member:
-            while chunk := member.read(_CHUNK):
-                unpacked.write(chunk)
+        try:
+            with zipfile.ZipFile(path) as archive, archive.open(self.name) as member:
+                while chunk := member.read(_CHUNK):
+                    unpacked.write(chunk)
+        except BaseException:
+            unpacked.close()
+            raise
         return unpacked
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Bools
-from losbench.logs import FrameTimes, increasing, times_from_utc
 from losbench.recording.frames.develop import first_readable
-from losbench.recording.frames.handles import file_size, fill, opened, plain_file
+from losbench.recording.frames.fitstimes import axis_times, dated
+from losbench.recording.frames.handles import file_size, opened, plain_file
+from losbench.recording.frames.plane import Plane, planes_of
 from losbench.recording.frames.protocol import (
     Found,
     UnreadableFrame,
@@ -22,92 +23,10 @@ from losbench.recording.frames.protocol import (
     fits_in,
 )
 
-__all__ = ["FITS", "FitsFiles", "FitsStack", "Plane", "hdu_list", "open_fits"]
+__all__ = ["FITS", "FitsFiles", "FitsStack", "open_fits"]
 
 _ENDINGS = (".fits", ".fit", ".fts")
 FITS = (*(e + packed for e in _ENDINGS for packed in ("", ".gz", ".bz2", ".fz")), ".fz")
-_UNCERTAINTIES = ("UNCERT", "ERR", "ERROR", "VAR", "VARIANCE", "IVAR", "WHT", "WEIGHT", "STDDEV")
-_MASKS = ("DQ", "MASK", "BADPIX", "FLAGS")
-_OTHER_CLOCKS = ("TT", "TDT", "ET", "TDB", "TAI", "IAT", "GPS", "TCG", "TCB")
-_UTC = ("UTC", "UT", "UT1", "GMT")  # UT1 stays within 0.9 s of UTC
-_SAME = {"TDT": "tt", "ET": "tt", "IAT": "tai"}
-_GPS_BEHIND_TAI_S = 19.0
-
-
-@dataclass(frozen=True)
-class Plane:
-    """Where the image of one HDU lies, and how its numbers become those that were meant.
-
-    Attributes
-    ----------
-    index : int
-        Number of the HDU.
-    shape : tuple of int
-        (rows, cols) or (frames, rows, cols).
-    bitpix, bscale, bzero, blank
-        As in the header; ``blank`` marks undefined pixels before scaling (FITS standard 4.4.2.5).
-    offset : int or None
-        Byte at which the data begin; None where they are compressed in tiles.
-    date : str or None
-        DATE-OBS with a time of day.
-    clock : str
-        TIMESYS, "" where it is not said.
-    """
-
-    index: int
-    shape: tuple[int, ...]
-    bitpix: int
-    bscale: float
-    bzero: float
-    blank: int | None
-    offset: int | None
-    date: str | None
-    clock: str
-
-    @property
-    def n_frames(self) -> int:
-        """Number of frames."""
-        return 1 if len(self.shape) == 2 else self.shape[0]
-
-    @property
-    def frame_bytes(self) -> int:
-        """Length of one frame in the file."""
-        return abs(self.bitpix) // 8 * self.shape[-1] * self.shape[-2]
-
-    @property
-    def bits(self) -> int | None:
-        """Bits of the numbers, where undefined ones make floats of them."""
-        if self.blank is None or self.bitpix < 0 or self.bscale != 1.0:
-            return None
-        return self.bitpix - (self.bzero == 0 and self.bitpix > 8)
-
-    def frame(self, path: Path, k: int, label: str) -> NDArray[Any]:
-        """Return one frame."""
-        with decoding(label):
-            if self.offset is None:
-                section = opened(hdu_list, path)[self.index].section
-                raw = np.array(section[:, :] if len(self.shape) == 2 else section[k])
-            else:
-                file = opened(plain_file, path)
-                fits_in(label, self.frame_bytes, file_size(file))
-                kind = f">{'i' if self.bitpix > 0 else 'f'}{abs(self.bitpix) // 8}"
-                raw = np.empty(self.shape[-2:], ">u1" if self.bitpix == 8 else kind)
-                fill(file, self.offset + k * self.frame_bytes, raw, label)
-            return self._meant(raw.astype(raw.dtype.newbyteorder("="), copy=False))
-
-    def _meant(self, raw: NDArray[Any]) -> NDArray[Any]:
-        if raw.dtype.kind == "f":
-            return raw if (self.bscale, self.bzero) == (1, 0) else raw * self.bscale + self.bzero
-        if (self.bscale, self.bzero) == (1, 0):
-            meant = raw
-        elif self.bitpix == 16 and (self.bscale, self.bzero) == (1, 32768):
-            meant = raw.view(np.uint16) ^ np.uint16(32768)
-        else:
-            wide: Any = np.float64 if self.bitpix > 16 else np.float32
-            meant = raw.astype(wide) * wide(self.bscale) + wide(self.bzero)
-        if self.blank is None:
-            return meant
-        return np.where(raw == self.blank, np.float32(np.nan), meant.astype(np.float32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +68,7 @@ class FitsFiles:
     def frame(self, k: int) -> NDArray[Any]:
         """Return the image of one file; what its mask marks is NaN."""
         path, label = self.folder / self.names[k], self.label(k)
-        planes = {plane.index: plane for plane, _ in _planes(path)}
+        planes = {plane.index: plane for plane, _ in planes_of(path)}
         if self.image not in planes or len(planes[self.image].shape) != 2:
             raise UnreadableFrame(f"{label} must hold one image in HDU {self.image}, as the first")
         image = planes[self.image].frame(path, 0, label)
@@ -169,7 +88,7 @@ def open_fits(paths: list[Path], name: str, *, skip: bool, own_times: bool) -> t
     from losbench.recording.frames.pixelfiles import is_pixel_file, open_pixel_files
 
     k, found = first_readable(
-        len(paths), lambda k: () if is_pixel_file(paths[k]) else _planes(paths[k]), skip=skip
+        len(paths), lambda k: () if is_pixel_file(paths[k]) else planes_of(paths[k]), skip=skip
     )
     if not found:
         if is_pixel_file(paths[k]):
@@ -186,65 +105,16 @@ def open_fits(paths: list[Path], name: str, *, skip: bool, own_times: bool) -> t
     notes += _said_of_companions(first, [role for _, role in found])
     if len(paths) > 1 and len(shape) == 2:
         mask = next((m.index for m in masks if m.shape == shape), None)
-        return (_one_image_each(paths, name, images[0].index, mask, notes, skip, own_times),)
+        found_one = _one_image_each(
+            paths, name, images[0].index, mask, skip=skip, own_times=own_times
+        )
+        return (replace(found_one, notes=(*notes, *found_one.notes)),)
     if len(shape) not in (2, 3) or len(paths) > 1:
         raise ValueError(
             f"{first.name} must hold one frame of a folder, or a stack (frames, rows, cols), got "
             f"{shape}"
         )
     return (_stack(first, frames, masks, notes, skip=skip, own_times=own_times),)
-
-
-def hdu_list(path: Path) -> Any:
-    """Open a FITS file with astropy, its numbers as they are stored."""
-    try:
-        from astropy.io import fits
-    except ImportError:
-        raise ImportError("FITS files need astropy: pip install 'losbench[fits]'") from None
-    with decoding(path.name):
-        packed = path.suffix.lower() in (".gz", ".bz2")
-        source = os.dup(opened(plain_file, path).fileno()) if packed else None
-        file = path if source is None else os.fdopen(source, "rb")
-        if source is not None:
-            file.seek(0)  # type: ignore[union-attr]
-        return fits.open(file, memmap=False, do_not_scale_image_data=True)
-
-
-def _planes(path: Path) -> tuple[tuple[Plane, str], ...]:
-    """Return the images of a file with what each is: "image", "mask" or "uncertainty"."""
-    hdus = opened(hdu_list, path)
-    with decoding(path.name):
-        from astropy.io import fits
-
-        planes = []
-        for index, hdu in enumerate(hdus):
-            if not hdu.is_image or hdu.header.get("NAXIS", 0) < 2 or 0 in hdu.shape:
-                continue
-            header = hdu.header
-            blank = header.get("BLANK", header.get("ZBLANK"))
-            packed = isinstance(hdu, fits.CompImageHDU)
-            plane = Plane(
-                index,
-                tuple(hdu.shape),
-                int(header["BITPIX"]),
-                float(header.get("BSCALE", 1.0)),
-                float(header.get("BZERO", 0.0)),
-                None if blank is None or header["BITPIX"] < 0 else int(blank),
-                None if packed else int(hdu.fileinfo()["datLoc"]),
-                _date(header) or _date(hdus[0].header),
-                str(header.get("TIMESYS", hdus[0].header.get("TIMESYS", ""))).strip().upper(),
-            )
-            if packed:
-                fits_in(path.name, plane.frame_bytes, path.stat().st_size)
-            planes.append((plane, _role(str(header.get("EXTNAME", "")))))
-        return tuple(planes)
-
-
-def _role(extname: str) -> str:
-    word = extname.strip().upper()
-    if word in _MASKS:
-        return "mask"
-    return "uncertainty" if word in _UNCERTAINTIES else "image"
 
 
 def _stack(
@@ -275,9 +145,9 @@ def _stack(
     times = None
     if own_times:
         times = (
-            _axis_times(path, frames[0], n_frames)
+            axis_times(path, frames[0], n_frames)
             if len(frames[0].shape) == 3
-            else _times([p.date for p in frames], frames[0].clock, path.name)
+            else dated([p.date for p in frames], frames[0].clock, path.name)
         )
     return Found(
         name=path.name,
@@ -291,90 +161,48 @@ def _stack(
 
 
 def _one_image_each(
-    paths: list[Path],
-    name: str,
-    image: int,
-    mask: int | None,
-    notes: tuple[str, ...],
-    skip: bool,
-    own_times: bool,
+    paths: list[Path], name: str, image: int, mask: int | None, *, skip: bool, own_times: bool
 ) -> Found:
+    """One frame a file, without those that say of themselves that they are darks or flats."""
+    planes = {path: _plane_of_file(path, image, skip=skip) for path in paths}
+    strangers = [p for p, plane in planes.items() if plane is not None and plane.calibrates]
+    notes: tuple[str, ...] = ()
+    if 0 < len(strangers) < len(paths):
+        named = ", ".join(path.name for path in strangers[:3])
+        more = f" and {len(strangers) - 3} more" if len(strangers) > 3 else ""
+        notes = (f"{named}{more}: a dark, bias or flat by its IMAGETYP, left out.",)
+        planes = {path: plane for path, plane in planes.items() if path not in strangers}
+    known = [plane for plane in planes.values() if plane is not None]
+    times = None
+    if own_times:
+        clocks = {plane.clock for plane in known if plane.date} or {""}
+        if len(clocks) > 1:
+            raise ValueError(f"{name} must keep one TIMESYS, got {', '.join(sorted(clocks))}")
+        dates = [None if plane is None else plane.date for plane in planes.values()]
+        times = dated(dates, clocks.pop(), paths[0].parent.name)
+        undated = [path.name for path, date in zip(planes, dates, strict=True) if date is None]
+        if undated:
+            missing = f"{len(undated)} of {len(dates)} files have no DATE-OBS with a time of day"
+            notes = (*notes, f"{missing}, first {undated[0]}: their times are unknown.")
     folder = paths[0].parent
-    names = tuple(os.path.relpath(path, folder) for path in paths)
-    planes = [_plane_of_file(path, image, skip=skip) for path in paths] if own_times else []
-    known = [plane for plane in planes if plane is not None]
-    clocks = {plane.clock for plane in known if plane.date} or {""}
-    if len(clocks) > 1:
-        raise ValueError(f"{name} must keep one TIMESYS, got {', '.join(sorted(clocks))}")
-    dates = [None if plane is None else plane.date for plane in planes]
-    times = _times(dates, clocks.pop(), paths[0].parent.name)
-    undated = [path.name for path, date in zip(paths, dates, strict=False) if date is None]
-    if undated:
-        missing = f"{len(undated)} of {len(dates)} files have no DATE-OBS with a time of day"
-        notes = (*notes, f"{missing}, first {undated[0]}: their times are unknown.")
-    first = next(iter(known), None)
     return Found(
         name=name,
-        source=FitsFiles(folder, names, image, mask),
+        source=FitsFiles(folder, tuple(os.path.relpath(p, folder) for p in planes), image, mask),
         time_s=None if times is None else times.seconds,
         start=None if times is None else times.start,
-        bits=None if first is None else first.bits,
+        bits=known[0].bits if known else None,
         notes=notes,
     )
 
 
 def _plane_of_file(path: Path, index: int, *, skip: bool) -> Plane | None:
     try:
-        planes = _planes(path)
+        planes = planes_of(path)
     except UnreadableFrame:
         if not skip:
             raise
         return None
     return next((plane for plane, _ in planes if plane.index == index), None)
-
-
-def _times(dates: list[str | None], clock: str, source: str) -> FrameTimes | None:
-    if not any(dates):
-        return None
-    name = f"DATE-OBS of {source}"
-    if clock not in ("", *_UTC, *_OTHER_CLOCKS):
-        raise ValueError(f"TIMESYS of {source} must be a clock such as UTC, TT or TAI, got {clock}")
-    return increasing(times_from_utc([d and _in_utc(d, clock) for d in dates], name), name)
-
-
-def _in_utc(date: str, clock: str) -> str:
-    """Return an instant of another clock as UTC."""
-    if clock in ("", *_UTC):
-        return date
-    from astropy.time import Time, TimeDelta
-
-    with decoding(f"DATE-OBS {date!r}"):
-        scale = "tai" if clock == "GPS" else _SAME.get(clock, clock.lower())
-        at = Time(date.rstrip("Z"), scale=scale)
-        if clock == "GPS":
-            at = at + TimeDelta(_GPS_BEHIND_TAI_S, format="sec")
-        return f"{at.utc.to_value('isot', subfmt='date_hms')}Z"
-
-
-def _date(header: Any) -> str | None:
-    """Return DATE-OBS, with TIME-OBS where that holds the time of day; None where there is none."""
-    date, time = (str(header.get(key, "")).strip() for key in ("DATE-OBS", "TIME-OBS"))
-    if "T" in date:
-        return date
-    return f"{date}T{time}" if date and time else None
-
-
-def _axis_times(path: Path, plane: Plane, n_frames: int) -> FrameTimes | None:
-    """Return the times of a cube whose third axis is time in seconds."""
-    with decoding(path.name):
-        header = opened(hdu_list, path)[plane.index].header
-        kind, unit = (str(header.get(key, "")).strip() for key in ("CTYPE3", "CUNIT3"))
-        if kind.upper() != "TIME" or unit not in ("", "s"):
-            return None
-        steps = np.arange(n_frames) + 1.0 - float(header.get("CRPIX3", 1.0))
-        step_s = float(header.get("CDELT3", 1.0))
-        seconds = float(header.get("CRVAL3", 0.0)) + steps * step_s
-    return increasing(FrameTimes(seconds.astype(np.float64)), f"axis 3 of {path.name}")
 
 
 def _bad(path: Path, mask: Plane) -> Bools:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,14 +59,10 @@ def open_images(paths: list[Path], name: str) -> Found:
 
 def _decoded(path: Path, label: str) -> NDArray[Any]:
     import cv2
-    from PIL import Image
 
-    with decoding(f"{label}: not an image, or cut short:"):
+    with decoding(label):
         data = path.read_bytes()
-        with Image.open(path) as header:  # reads no pixel, so that sizes can be judged first
-            width, height = header.size
-            bytes_each = 8 if header.mode not in ("1", "L", "P") else 1
-    fits_in(label, width * height * bytes_each, len(data))
+    fits_in(label, _claimed(data, label), len(data))
     end = _END.get(path.suffix.lower(), b"")
     if end not in data[-1024:]:
         raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
@@ -75,3 +72,21 @@ def _decoded(path: Path, label: str) -> NDArray[Any]:
         raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
     # OpenCV puts blue first.
     return frame if frame.ndim == 2 else frame[..., [2, 1, 0, 3][: frame.shape[-1]]]
+
+
+def _claimed(data: bytes, label: str) -> int:
+    """Return how many bytes a header claims at most; Pillow reads no pixel to say so."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with decoding(label), Image.open(io.BytesIO(data)) as header:
+            return header.width * header.height * (1 if header.mode in ("1", "L", "P") else 8)
+    except UnreadableFrame as error:
+        if isinstance(error.__cause__, UnidentifiedImageError):
+            raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short") from None
+        if isinstance(error.__cause__, Image.DecompressionBombError):
+            most = 2 * (Image.MAX_IMAGE_PIXELS or 0)
+            raise UnreadableFrame(
+                f"{label} cannot be read: its header claims more than {most:_} pixels"
+            ) from None
+        raise

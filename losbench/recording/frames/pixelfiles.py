@@ -13,8 +13,8 @@ from losbench.arrays import Floats
 from losbench.imaging.detector import Detector
 from losbench.logs import FrameTimes, increasing
 from losbench.recording.frames.contiguous import native
-from losbench.recording.frames.fits import hdu_list
 from losbench.recording.frames.handles import opened
+from losbench.recording.frames.plane import hdu_list
 from losbench.recording.frames.protocol import Found, UnreadableFrame, decoding
 
 __all__ = ["PixelFile", "is_pixel_file", "open_pixel_files"]
@@ -76,8 +76,8 @@ def open_pixel_files(paths: list[Path], *, own_times: bool) -> tuple[Found, ...]
         f"{quality} have a QUALITY that is not zero: what it marks is left out.",
     )
     stars = [one.star for one in found if one.star]
-    named = f"Spots 1 to {len(stars)} are {', '.join(stars)}."
-    notes = notes * (marked > 0) + (named,) * (len(found) == len(stars) > 1)
+    named = f"Spot by spot, the stars are {', '.join(stars)}."
+    notes = notes * (marked > 0) + (named,) * (len(found) == len(stars))
     return replace(found[0], notes=notes), *found[1:]
 
 

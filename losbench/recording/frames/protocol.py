@@ -130,8 +130,15 @@ def decoding(label: str) -> Iterator[None]:
     # Decoders of other projects raise anything over damaged bytes: KeyError, struct.error,
     # tokenize.TokenError, zlib.error, cv2.error ... Only their calls stand inside `decoding`.
     except Exception as error:
-        said = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UnreadableFrame(f"{label} cannot be read: {said}") from error
+        raise UnreadableFrame(f"{label} cannot be read: {_in_one_line(error)}") from error
+
+
+def _in_one_line(error: Exception) -> str:
+    said = str(error.args[0]) if error.args and isinstance(error.args[0], str) else str(error)
+    said = " ".join(said.split())[:200]
+    if isinstance(error, KeyError):
+        return f"{said} is missing"
+    return said or type(error).__name__
 
 
 def fits_in(label: str, claimed: int, held: int) -> None:

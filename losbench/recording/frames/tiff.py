@@ -161,6 +161,8 @@ def _page(path: Path, offset: int, k: int) -> tifffile.TiffPage:
 
 def _image(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
     """Return the numbers of a page, (rows, cols) or (rows, cols, channels), zero as black."""
+    if 262 not in page.tags:  # tifffile would take zero as white
+        raise UnreadableFrame(f"{label} cannot be read: it does not say whether zero is black")
     if page.photometric == _PALETTE:
         raise UnreadableFrame(f"{label} must be one grey image (rows, cols), got palette colours")
     if page.axes not in ("YX", "YXS", "SYX"):
@@ -252,11 +254,15 @@ def _stack_of_one_page(path: Path, *, skip: bool) -> tuple[Contiguous, tuple[str
     with decoding(path.name):
         file = opened(_tiff_file, path)
         page, shape = file.pages.first, tuple(file.series[0].shape)
+        images = int((file.imagej_metadata or {}).get("images", 1))
+        if images > 1 and page.axes == "YX":  # tifffile gives up on them where some are missing
+            shape = (images, *page.shape)
         if len(shape) < 3 or page.axes in ("YXS", "SYX"):
             return None
-        if not page.is_contiguous or page.compression != _PLAIN or page.bitspersample % 8:
+        plain = page.compression == _PLAIN and page.photometric != _MINISWHITE
+        if not (page.is_contiguous and plain) or page.bitspersample % 8:
             raise UnreadableFrame(
-                f"{path.name} cannot be read: {shape} in one page, but not one after the other"
+                f"{path.name} cannot be read: {shape} in one page, but not plainly one after the other"
             )
         dtype = np.dtype(page.dtype).newbyteorder(page.parent.byteorder)
         each = dtype.itemsize * int(np.prod(shape[-2:]))
