@@ -221,6 +221,15 @@ def test_a_header_that_claims_gigabytes_is_refused_before_memory_is_asked_for(tm
         lb.UnreadableFrame, match=r"a.png cannot be read: its header claims more than"
     ):
         lb.open_frames(tmp_path / "a.png")
+    # A chunk of four gigabytes, for which OpenCV would ask for memory.
+    write.images(tmp_path / "f", FRAMES[:1], ".png")
+    whole = bytearray((tmp_path / "f" / "frame-0.png").read_bytes())
+    whole[33:37] = b"\xff\xff\xff\xff"
+    (tmp_path / "b.png").write_bytes(whole)
+    with pytest.raises(
+        lb.UnreadableFrame, match=r"b.png cannot be read: not an image, or cut short"
+    ):
+        lb.open_frames(tmp_path / "b.png")
     (tmp_path / "a.pgm").write_bytes(b"P5 40000 40000 255\n123")
     with pytest.raises(lb.UnreadableFrame, match=r"a.pgm cannot be read: its header claims"):
         lb.open_frames(tmp_path / "a.pgm")

@@ -187,8 +187,10 @@ def _full_scale(plane: NDArray[Any], step: int, bits: int | None) -> float | Non
 
 
 def _channel(channel: str | int, raw: NDArray[Any], label: str) -> int:
+    if raw.ndim == 2:
+        raise ValueError(f"channel is for colour frames, but {label} is grey")
     number = CHANNELS.index(channel) if channel in CHANNELS else channel
-    count = raw.shape[-1] if raw.ndim == 3 else 1
+    count = raw.shape[-1]
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < count:
         raise ValueError(
             f"channel must be 'red', 'green' or 'blue', or a number below the {count} channels of "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,8 @@ from losbench.recording.frames.tiff import TIFF, facts, single_page
 __all__ = ["IMAGES", "ImageFiles", "open_images"]
 
 _LOSSY = (".jpg", ".jpeg")
+_PNG = b"\x89PNG\r\n\x1a\n"
 IMAGES = (".png", ".bmp", ".pgm", ".pnm", *_LOSSY, *TIFF)
-# How a whole file ends; decoders fill up with grey what is missing.
-_END = {".png": b"IEND\xaeB`\x82", ".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,7 @@ def _decoded(path: Path, label: str) -> NDArray[Any]:
     with decoding(label):
         data = path.read_bytes()
     fits_in(label, _claimed(data, label), len(data))
-    end = _END.get(path.suffix.lower(), b"")
-    if end not in data[-1024:]:
+    if not _whole(data):
         raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
     with decoding(label), quiet_opencv():
         frame = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -72,6 +71,25 @@ def _decoded(path: Path, label: str) -> NDArray[Any]:
         raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
     # OpenCV puts blue first.
     return frame if frame.ndim == 2 else frame[..., [2, 1, 0, 3][: frame.shape[-1]]]
+
+
+def _whole(data: bytes) -> bool:
+    """Whether a JPEG has its end, and a PNG all its chunks, with the checksums that they state.
+
+    Decoders fill up with grey what is missing, and take memory by the length that a chunk claims.
+    """
+    if data.startswith(b"\xff\xd8"):
+        return b"\xff\xd9" in data[-1024:]
+    if not data.startswith(_PNG):
+        return True
+    at, kind = len(_PNG), b""
+    while kind != b"IEND" and at + 12 <= len(data):
+        end = at + 12 + int.from_bytes(data[at : at + 4], "big")
+        kind = data[at + 4 : at + 8]
+        if zlib.crc32(data[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+            return False
+        at = end
+    return kind == b"IEND"
 
 
 def _claimed(data: bytes, label: str) -> int:

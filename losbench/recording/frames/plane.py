@@ -75,9 +75,9 @@ class Plane:
         with decoding(label):
             if self.offset is None:
                 hdu = opened(hdu_list, path)[self.index]
-                at = (0,) * (len(hdu.shape) - len(self.shape))
-                at += (slice(None),) * 2 if len(self.shape) == 2 else (k,)
-                raw = np.array(hdu.section[at])
+                ones = (0,) * (len(hdu.shape) - len(self.shape))
+                within = (np.s_[:], np.s_[:]) if len(self.shape) == 2 else (k,)
+                raw = np.array(hdu.section[(*ones, *within)])
             else:
                 file = opened(plain_file, path)
                 fits_in(label, self.frame_bytes, file_size(file))

@@ -262,7 +262,8 @@ def _stack_of_one_page(path: Path, *, skip: bool) -> tuple[Contiguous, tuple[str
         plain = page.compression == _PLAIN and page.photometric != _MINISWHITE
         if not (page.is_contiguous and plain) or page.bitspersample % 8:
             raise UnreadableFrame(
-                f"{path.name} cannot be read: {shape} in one page, but not plainly one after the other"
+                f"{path.name} cannot be read: {shape} in one page, but not plainly one after "
+                "the other"
             )
         dtype = np.dtype(page.dtype).newbyteorder(page.parent.byteorder)
         each = dtype.itemsize * int(np.prod(shape[-2:]))
