@@ -16,6 +16,7 @@ FLOORS = [
     GROUND,
     {"estimation"},
     {"optics"},
+    {"thermoelastic"},
     {"imaging", "pointing"},
     {"recording", "telemetry"},
     {"papers"},
