@@ -117,7 +117,7 @@ class Elasticity:
         Raises
         ------
         ValueError
-            If a face is not given or has too few nodes.
+            If a face is not given, or not on the outside of the body.
         """
         rows = np.zeros((32, 3 * self.basis.N))
         for i, name in enumerate(OPTICS):
@@ -189,22 +189,9 @@ class Elasticity:
         return int(np.abs(self.nodes_mm - place_mm).max(axis=1).argmin())
 
     def _face_nodes(self, name: str) -> Indices:
-        face = self.structure.faces.get(name)
-        if face is None:
-            raise ValueError(f"faces: key {name} is missing")
-        x, y, z = self.nodes_mm.T
-        (x0, y0), (x1, y1) = face.low_mm, face.high_mm
-        slack = 1e-6
-        found = np.flatnonzero(
-            (np.abs(z - face.z_mm) < slack)
-            & (x > x0 - slack)
-            & (x < x1 + slack)
-            & (y > y0 - slack)
-            & (y < y1 + slack)
-        )
-        if found.size < 8:
-            raise ValueError(
-                f"faces: {name} must cover at least one facet of the body, got {found.size} nodes "
-                f"at z_mm = {face.z_mm:g}"
-            )
-        return found
+        facets = self.structure.face_facets(name)
+        corners = self.structure.mesh.facets[:, facets]
+        low, high = (f(self.structure.mesh.p[:, corners], axis=1).T for f in (np.min, np.max))
+        places = self.nodes_mm[:, None]
+        on = np.all((places > low - 1e-6) & (places < high + 1e-6), axis=-1)
+        return np.flatnonzero(on.any(axis=1))

@@ -232,17 +232,43 @@ class Structure:
             raise ValueError(f"part {part!r} has no outside facet on side {side!r}")
         return found[keep]
 
+    def face_facets(self, name: str) -> Indices:
+        """Outside facets that make an optic's face.
+
+        Raises
+        ------
+        ValueError
+            If the face is not given, or they do not cover it.
+        """
+        face = self.faces.get(name)
+        if face is None:
+            raise ValueError(f"faces: key {name} is missing")
+        mesh = self.mesh
+        place = mesh.p[:, mesh.facets[:, self.outside]]
+        inside = np.all(np.abs(place[2] - face.z_mm) < 1e-6, axis=0)
+        for axis in range(2):
+            middle = place[axis].mean(axis=0)
+            inside &= (middle > face.low_mm[axis]) & (middle < face.high_mm[axis])
+        covered = np.prod(np.ptp(place[:2, :, inside], axis=1), axis=0).sum()
+        if covered < np.prod(np.subtract(face.high_mm, face.low_mm)) * (1 - 1e-9):
+            raise ValueError(
+                f"faces: {name} must lie on the outside of the body: at z_mm = {face.z_mm:g} only "
+                f"{covered:.0f} mm2 between low_mm and high_mm do"
+            )
+        return self.outside[inside]
+
     def check_light(self, optics: ThreeMirror) -> None:
         """Raise ``ValueError``, naming the part, if one stands in the way of the field's beams."""
         half = 0.5 * (np.array(optics.shape[::-1]) - 1) * optics.pixel_um * 1e-3
         rays = optics.launch(_CORNERS * half / optics.plate_scale_mm)
         points, _ = optics.trace(rays)
         stations = np.concatenate([rays.origin_mm[None], points])
+        behind = [self.mesh.f2t[0, self.face_facets(name)] for name in OPTICS]
+        own = [{self.parts[k] for k in self.cell_part[cells]} for cells in behind]
         for leg in range(4):
-            # A mirror's slab is flat where its surface is hollow: light may touch its own.
-            own = {OPTICS[leg], OPTICS[max(leg - 1, 0)]}
             for number_, box in enumerate(self.boxes):
-                if box.part in own:
+                # A mirror's slab is flat where its surface is hollow: light may touch it.
+                if box.part in own[leg] | own[max(leg - 1, 0)]:
                     continue
                 entry, leaving = _through(stations[leg], stations[leg + 1], box)
                 for hole in (h for h in self.holes if h.part == box.part):
