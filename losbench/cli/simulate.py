@@ -29,23 +29,37 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--force", action="store_true", help="replace an earlier simulation in an existing folder"
     )
+    parser.add_argument(
+        "--camera-model",
+        type=Path,
+        metavar="FILE",
+        help="thermo-elastic camera, a TOML file like data/three-mirror-camera.toml, in place of "
+        "the five thermal nodes, liu2026",
+    )
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
     if options.paper == "ren2023":
+        if options.camera_model is not None:
+            raise ValueError("--camera-model must come with --paper liu2026: ren2023 has no frames")
         from losbench.papers.ren2023.export import write_telemetry
 
         folder = write_telemetry(options.out, seed=options.seed, force=options.force)
         said = f"Telemetry of the ren2023 pair written to {folder}. To correct it:"
         command = f"losbench drift {folder / 'telemetry.csv'} --out {folder / 'corrected'}"
     else:
+        from losbench.papers.liu2026.camerabench import bench_of
         from losbench.papers.liu2026.export import write_recording
+        from losbench.thermoelastic.model import read_camera_model
 
+        path = options.camera_model
+        bench = None if path is None else bench_of(read_camera_model(path), where=str(path))
         folder = write_recording(
             options.out,
             n_frames=options.frames,
             seed=options.seed,
+            bench=bench,
             force=options.force,
             progress=not options.quiet,
         )

@@ -14,7 +14,7 @@ from losbench.checks import finite, integer, number, shaped
 from losbench.optics.jacobian import los_angles, los_jacobian
 from losbench.optics.threemirror import ThreeMirror
 from losbench.thermoelastic.elastic import Elasticity
-from losbench.thermoelastic.heat import Heat, HeatModes
+from losbench.thermoelastic.heat import Drive, Heat, HeatModes
 from losbench.thermoelastic.loads import Load
 from losbench.thermoelastic.structure import Structure
 
@@ -184,7 +184,7 @@ class ThermoelasticCamera:
         reading[np.arange(len(nodes)), nodes] = 1.0
         out = np.vstack([self.los_map, reading])
         series = modes.amplitudes(time, drive) @ (out @ modes.shapes).T
-        series += drive @ (out @ modes.static).T
+        series += drive.series @ (out @ modes.static).T
         moved = series[:, :6] - self.reference_degC * self.los_map.sum(axis=1)
         px, focus_um = self.optics.observe()
         return CameraRun(
@@ -199,7 +199,7 @@ class ThermoelasticCamera:
         """Vertex temperatures (n, vertices) of the same run."""
         time, drive = self._drive(time_s, inputs)
         modes = self.heat_modes
-        return modes.amplitudes(time, drive) @ modes.shapes.T + drive @ modes.static.T
+        return modes.amplitudes(time, drive) @ modes.shapes.T + drive.series @ modes.static.T
 
     def trace(self, temperature_degC: ArrayLike) -> tuple[Floats, Floats]:
         """Places and focus of the spots at vertex temperatures (..., vertices) by rays, without the
@@ -210,7 +210,7 @@ class ThermoelasticCamera:
         rise = np.asarray(temperature_degC, dtype=np.float64) - self.reference_degC
         return self.optics.observe(*apart(rise @ self.motion_map.T))
 
-    def _drive(self, time_s: ArrayLike, inputs: Mapping[str, ArrayLike]) -> tuple[Floats, Floats]:
+    def _drive(self, time_s: ArrayLike, inputs: Mapping[str, ArrayLike]) -> tuple[Floats, Drive]:
         time = finite("time_s", time_s, ndim=1)
         if (np.diff(time) <= 0).any():
             raise ValueError(f"time_s must increase, got a step of {np.diff(time).min():g} s")

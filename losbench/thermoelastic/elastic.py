@@ -64,6 +64,11 @@ class Elasticity:
         """Places of the displacement nodes, (nodes, 3)."""
         return np.asarray(self.basis.doflocs.T, dtype=np.float64)
 
+    @property
+    def vertex_nodes(self) -> Indices:
+        """Numbers of the displacement nodes that are vertices, (vertices,)."""
+        return np.asarray(self.basis.nodal_dofs[0], dtype=np.intp)
+
     @cached_property
     def stiffness(self) -> csc_array:
         """K of the free body, (3 nodes, 3 nodes), N/mm."""

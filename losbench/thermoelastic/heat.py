@@ -15,7 +15,26 @@ from losbench.checks import finite, integer, shaped
 from losbench.thermoelastic.loads import Load, drives
 from losbench.thermoelastic.structure import Structure
 
-__all__ = ["Heat", "HeatModes", "ramps"]
+__all__ = ["Drive", "Heat", "HeatModes", "ramps"]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What drives the heat: series that run straight, plus a decay where an input lags.
+
+    Attributes
+    ----------
+    series : (n, drives) array
+        At the samples.
+    decay : (n - 1, drives) array
+        Part of each step that dies away from its first sample, with the drive's own rate.
+    rate_per_s : (drives,) array
+        One over the lag; 0 for drives that do not lag.
+    """
+
+    series: Floats
+    decay: Floats
+    rate_per_s: Floats
 
 
 @dataclass(frozen=True)
@@ -101,8 +120,8 @@ class Heat:
 
         return splu(self.loss).solve(self.gain)
 
-    def drive(self, time_s: Floats, inputs: Mapping[str, ArrayLike]) -> Floats:
-        """Series (n, drives) of all drives from series (n,), or constants, of the inputs.
+    def drive(self, time_s: Floats, inputs: Mapping[str, ArrayLike]) -> Drive:
+        """Return all drives for series (n,), or constants, of the inputs.
 
         Raises
         ------
@@ -113,17 +132,23 @@ class Heat:
             raise ValueError(f"inputs must give {', '.join(self.inputs)}; {missing[0]} is missing")
         if unknown := sorted(set(inputs) - set(self.inputs)):
             raise ValueError(f"inputs must be of {', '.join(self.inputs)}, got {unknown[0]}")
-        columns = []
+        columns, decays = [], []
         for name, lag_s in self.drives:
             series = finite(f"inputs[{name!r}]", inputs[name] if isinstance(name, str) else name)
             if series.ndim:
                 shaped(f"inputs[{name!r}]", series, (time_s.size,), why="to match time_s")
             column = np.broadcast_to(series, time_s.shape)
+            decays.append(np.zeros(time_s.size - 1))
             if lag_s > 0:
                 rate = np.array([1.0 / lag_s])
-                column = ramps(time_s, rate, column[:, None] * rate, column[:1])[:, 0]
+                straight = column
+                column = ramps(time_s, rate, straight[:, None] * rate, straight[:1])[:, 0]
+                # Behind a ramp the lagged one ends up parallel, late by the lag.
+                behind = straight[:-1] - lag_s * np.diff(straight) / np.diff(time_s)
+                decays[-1] = column[:-1] - behind
             columns.append(column)
-        return np.stack(columns, axis=-1)
+        rates = np.array([1.0 / lag_s if lag_s > 0 else 0.0 for _, lag_s in self.drives])
+        return Drive(np.stack(columns, axis=-1), np.stack(decays, axis=-1), rates)
 
     def modes(self, count: int = 40) -> HeatModes:
         """Return the slowest modes; all of them from one less than there are vertices."""
@@ -190,12 +215,20 @@ class HeatModes:
     push: Floats
     static: Floats
 
-    def amplitudes(self, time_s: Floats, drive: Floats) -> Floats:
-        """Amplitudes (n, modes) under drives (n, drives) that run straight between their samples,
-        in equilibrium at first; exact for any step.
-        """
-        start = self.push @ drive[0] / self.rates_per_s
-        return ramps(time_s, self.rates_per_s, drive @ self.push.T, start)
+    def amplitudes(self, time_s: Floats, drive: Drive) -> Floats:
+        """Amplitudes (n, modes) under drives, in equilibrium at first; exact for any step."""
+        step = np.diff(time_s)[:, None]
+        late = drive.decay * np.exp(-drive.rate_per_s * step)
+        added = _straight(step, self.rates_per_s, drive.series[:-1] - drive.decay, self.push)
+        added += _straight(step, self.rates_per_s, drive.series[1:] - late, self.push, last=True)
+        for k in np.flatnonzero(drive.rate_per_s):
+            apart = np.abs(self.rates_per_s - drive.rate_per_s[k]) * step + 1e-300
+            slow = np.exp(-np.minimum(self.rates_per_s, drive.rate_per_s[k]) * step)
+            kernel = step * slow * -np.expm1(-apart) / apart
+            added += drive.decay[:, k, None] * self.push[:, k] * kernel
+        return _stepped(
+            step, self.rates_per_s, added, self.push @ drive.series[0] / self.rates_per_s
+        )
 
 
 def ramps(time_s: Floats, rates_per_s: Floats, force: Floats, start: Floats) -> Floats:
@@ -204,14 +237,26 @@ def ramps(time_s: Floats, rates_per_s: Floats, force: Floats, start: Floats) -> 
     >>> ramps(np.array([0.0, 1.0]), np.array([1.0]), np.ones((2, 1)), np.zeros(1)).ravel().round(4)
     array([0.    , 0.6321])
     """
-    step = np.diff(time_s)[:, None]
-    x = rates_per_s * step
-    decay = np.exp(-x)
+    step, each = np.diff(time_s)[:, None], np.eye(rates_per_s.size)
+    added = _straight(step, rates_per_s, force[:-1], each)
+    added += _straight(step, rates_per_s, force[1:], each, last=True)
+    return _stepped(step, rates_per_s, added, start)
+
+
+def _straight(
+    step: Floats, rates: Floats, value: Floats, push: Floats, *, last: bool = False
+) -> Floats:
+    """What the value at the first, or last, end of each straight step adds to the modes."""
+    x = rates * step
     held = -np.expm1(-x) / x
     late = (1.0 - held) / x
-    added = step * (force[:-1] * (held - late) + force[1:] * late)
-    q = np.empty((len(time_s), rates_per_s.size))
+    return step * (value @ push.T) * (late if last else held - late)
+
+
+def _stepped(step: Floats, rates: Floats, added: Floats, start: Floats) -> Floats:
+    decay = np.exp(-rates * step)
+    q = np.empty((len(step) + 1, rates.size))
     q[0] = start
-    for i in range(len(time_s) - 1):
+    for i in range(len(step)):
         q[i + 1] = decay[i] * q[i] + added[i]
     return q

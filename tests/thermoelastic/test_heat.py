@@ -42,7 +42,7 @@ def test_a_bar_cooled_at_one_end(cells, error):
     air = np.append(0.0, np.ones(41))
     modes = heat.modes(10**6)
     drive = heat.drive(time, {"air": air})
-    found = modes.amplitudes(time, drive) @ modes.shapes.T + drive @ modes.static.T
+    found = modes.amplitudes(time, drive) @ modes.shapes.T + drive.series @ modes.static.T
     for place in (0.0, 0.4, 1.0):
         node = heat.structure.node_at("probe", (0, 0, place * length))
         left = 1.0 - found[2:, node]
@@ -60,8 +60,8 @@ def test_a_small_body_is_a_node_of_the_network():
     heat = Heat(block, (Film("room", film),))
     drive = heat.drive(time, {"room": room})
     modes = heat.modes(5)
-    found = (modes.amplitudes(time, drive) @ modes.shapes.T + drive @ modes.static.T).mean(axis=1)
-    np.testing.assert_allclose(found, network.simulate(time, room)[:, 0], atol=2e-3)
+    found = modes.amplitudes(time, drive) @ modes.shapes.T + drive.series @ modes.static.T
+    np.testing.assert_allclose(found.mean(axis=1), network.simulate(time, room)[:, 0], atol=2e-3)
 
 
 def test_watts_go_where_they_are_sent():
@@ -119,13 +119,25 @@ def test_steps_of_any_length_give_the_same_run():
     coarse = np.array([0.0, 500.0, 510.0, 2000.0])
     air = [0.0, 5.0, 5.0, 5.0]
     modes = heat.modes(10)
-    runs = {}
-    for name, time in (("fine", fine), ("coarse", coarse)):
+    runs = []
+    for time in (fine, coarse):
         drive = heat.drive(time, {"air": np.interp(time, coarse, air)})
-        # The lagged drive is no longer straight between coarse samples.
-        runs[name] = drive, modes.amplitudes(time, np.column_stack([drive[:, 0], 0 * time]))
-    np.testing.assert_allclose(runs["fine"][0][[0, 50, 51, 200]], runs["coarse"][0], atol=1e-12)
-    np.testing.assert_allclose(runs["fine"][1][[0, 50, 51, 200]], runs["coarse"][1], atol=1e-9)
+        runs.append((drive.series, modes.amplitudes(time, drive)))
+    chosen = [0, 50, 51, 200]
+    np.testing.assert_allclose(runs[0][0][chosen], runs[1][0], atol=1e-12)
+    np.testing.assert_allclose(runs[0][1][chosen], runs[1][1], atol=1e-9)
+
+
+def test_a_lag_as_slow_as_a_mode_is_no_special_case():
+    """Where both rates agree the kernel is t exp(-rate t): the limit of its neighbours."""
+    block = bar(10, 10, 20, SIC)
+    slowest = 1.0 / Heat(block, (Film("air", 10.0),)).modes(1).rates_per_s[0]
+    time, air = np.array([0.0, 1e-3, 500.0]), [0.0, 1.0, 1.0]
+    found = []
+    for factor in (1.0, 1.0 + 1e-6, 1.0 - 1e-6):
+        heat = Heat(block, (Film("air", 10.0, lag_s=slowest * factor),))
+        found.append(heat.modes(1).amplitudes(time, heat.drive(time, {"air": air}))[-1, 0])
+    assert found[0] == pytest.approx(np.mean(found[1:]), rel=1e-9)
 
 
 @pytest.mark.parametrize(

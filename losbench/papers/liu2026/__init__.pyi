@@ -1,3 +1,5 @@
+from .camerabench import CameraBench as CameraBench
+from .camerabench import bench_of as bench_of
 from .export import write_recording as write_recording
 from .results.angles import AXES as AXES
 from .results.angles import TABLE_2 as TABLE_2

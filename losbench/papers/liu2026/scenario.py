@@ -11,9 +11,9 @@ import numpy as np
 
 from losbench.arrays import Floats
 from losbench.imaging.detector import Detector
-from losbench.optics.camera import Camera
+from losbench.optics.camera import Camera, project
 from losbench.papers.provenance import assumed, calibrated, stated
-from losbench.pointing.thermal import ThermalNetwork
+from losbench.pointing.thermal import ThermalNetwork, thermoelastic_tilt
 
 __all__ = ["Bench", "ConstantBench", "MonteCarlo", "ThermalBench", "next_odd"]
 
@@ -168,6 +168,18 @@ class ThermalBench(Bench):
             },
             room_W_per_K=dict(zip(self.NODES, self.room_W_per_K, strict=True)),
         )
+
+    def follow(self, time_s: Floats, room_degC: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return temperatures (F, nodes), angles (F, 3) and spots (F, 2, 2) under a room that runs
+        straight between its samples.
+        """
+        nodes = self.network.simulate(time_s, room_degC)
+        angles = thermoelastic_tilt(
+            nodes,
+            np.array(self.sensitivity_arcsec_per_degC),
+            reference_degC=self.room_start_degC,
+        )
+        return nodes, angles, self.camera.pixels(project(self.points_mm, angles))
 
     @property
     def duration_s(self) -> float:

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Floats
 from losbench.imaging.spots import render_spots
-from losbench.optics.camera import project
 from losbench.papers.liu2026.scenario import Bench, ConstantBench, ThermalBench
-from losbench.pointing.thermal import thermoelastic_tilt
 
 __all__ = ["WarmUp", "Windows", "constant_truth", "expose_windows", "warm_up"]
 
@@ -74,7 +72,7 @@ class WarmUp:
     time_s, room_degC : (F,) arrays
         Frame times and room temperature.
     node_degC : (F, nodes) array
-        Temperatures of the camera's parts.
+        Temperatures of the camera's parts, or at its sensors.
     angles_rad : (F, 3) array
         Rotation of the line of sight.
     truth_px : (F, 2, 2) array
@@ -108,9 +106,6 @@ def warm_up(setting: ThermalBench, *, time_s: Floats | None = None) -> WarmUp:
     corners = [0.0, setting.hold_s, setting.hold_s + setting.ramp_s]
     every = np.union1d(t, corners)
     room = setting.room_degC(t)
-    nodes = setting.network.simulate(every, setting.room_degC(every))[np.searchsorted(every, t)]
-    angles = thermoelastic_tilt(
-        nodes, np.array(setting.sensitivity_arcsec_per_degC), reference_degC=setting.room_start_degC
-    )
-    truth = setting.camera.pixels(project(setting.points_mm, angles))
-    return WarmUp(t, room, nodes, angles, truth)
+    asked = np.searchsorted(every, t)
+    nodes, angles, truth = setting.follow(every, setting.room_degC(every))
+    return WarmUp(t, room, nodes[asked], angles[asked], truth[asked])
