@@ -86,9 +86,17 @@ from .pointing.starcamera import correct_drift as correct_drift
 from .pointing.starcamera import correct_pair as correct_pair
 from .pointing.starcamera import drift_from_spots as drift_from_spots
 from .pointing.starcamera import observability as observability
+from .pointing.thermal import Choice as Choice
+from .pointing.thermal import CrossValidation as CrossValidation
+from .pointing.thermal import FittedModel as FittedModel
+from .pointing.thermal import Identification as Identification
 from .pointing.thermal import SensitivityFit as SensitivityFit
 from .pointing.thermal import ThermalNetwork as ThermalNetwork
+from .pointing.thermal import choose as choose
+from .pointing.thermal import cross_validate as cross_validate
 from .pointing.thermal import fit_sensitivity as fit_sensitivity
+from .pointing.thermal import identify as identify
+from .pointing.thermal import terms as terms
 from .pointing.tracking import AttitudeTrack as AttitudeTrack
 from .pointing.tracking import track_attitude as track_attitude
 from .recording.frames.door import open_frames as open_frames

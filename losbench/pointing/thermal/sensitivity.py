@@ -7,22 +7,23 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.special import stdtrit
+from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats
 from losbench.checks import boolean, choice, finite_or_nan, number, positive, shaped
 from losbench.estimation.losses import Huber, Loss
-from losbench.estimation.robust import RobustFit, irls, lstsq
 from losbench.estimation.robust.scales import Scale
-from losbench.pointing.thermal.network import ThermalNetwork, increasing_times
+from losbench.estimation.solvers import IRLS, LeastSquares, Solver
+from losbench.pointing.thermal.axis import fit_axis
+from losbench.pointing.thermal.design import Design, bind
+from losbench.pointing.thermal.lag import lagged
+from losbench.pointing.thermal.network import increasing_times
+from losbench.pointing.thermal.terms import Lagged, Linear, Offset
 from losbench.units import rad_to_arcsec
 
 __all__ = ["SensitivityFit", "fit_sensitivity"]
 
-
-_LAGS_TRIED = 40
-_NUDGE = 1.001  # factor on the lag for its derivative
+_NAME = "temperature"
 
 
 @dataclass(frozen=True)
@@ -35,14 +36,24 @@ class SensitivityFit:
 
     Attributes
     ----------
-    k, k_interval : (...,), (..., 2) arrays
-        Sensitivity at the reference temperature and its confidence interval, radians per degree.
+    k : (...,) array
+        Sensitivity at the reference temperature by the solver, with its one lag, radians per
+        degree.
+    k_interval : (..., 2) array
+        Confidence interval of the sensitivity at rest. With a fitted lag it is that of the sum over
+        all lags, for one lag is a wrong law for most structures: it is wider than the scatter of
+        ``k``, and need not lie about it.
     offset, quadratic : (...,) arrays
         Angle at the reference temperature, radians, and curvature, radians per degree squared (zero
         unless fitted).
     lag_s, lag_interval_s : (...,), (..., 2) arrays
         First-order time constant and its confidence interval (NaN unless fitted), seconds; zero
         without a lag. The interval goes from 0 to infinity where no lag shows.
+    lag_state : (...,) array of str
+        "identified", "weak", "no lag seen" or "not identifiable" (a lag as long as the record fits
+        as well, and neither ``k`` nor ``lag_s`` is to be used); "given" unless fitted.
+    one_lag_p_value : (...,) array
+        Of an F test that one lag describes it; NaN unless fitted.
     reference_degC : float
         Mean of the temperatures given.
     rms : (...,) array
@@ -50,9 +61,8 @@ class SensitivityFit:
     residuals, weights : (n, ...) arrays
         Model minus angle, radians, and weight of each sample; NaN and 0 where a sample was left
         out.
-    correlation : (...,) array
-        Of neighbouring residuals, by which the intervals were widened; 0 for independent errors.
     converged : (...,) bool array
+        Whether the solver settled on a lag that is identifiable.
     """
 
     k: Floats
@@ -61,11 +71,12 @@ class SensitivityFit:
     quadratic: Floats
     lag_s: Floats
     lag_interval_s: Floats
+    lag_state: NDArray[np.str_]
+    one_lag_p_value: Floats
     reference_degC: float
     rms: Floats
     residuals: Floats
     weights: Floats
-    correlation: Floats
     converged: Bools
 
     @property
@@ -86,7 +97,13 @@ class SensitivityFit:
         """
         temperature = finite_or_nan("temperature_degC", temperature_degC, ndim=1)
         time = _times(time_s, temperature, needed=bool((self.lag_s > 0).any()))
-        change = _lagged(temperature, time, self.lag_s) - self.reference_degC
+        known = np.isfinite(temperature)
+        change = np.empty((temperature.size, self.lag_s.size))
+        for i, lag_s in enumerate(self.lag_s.ravel()):
+            change[:, i] = temperature - self.reference_degC
+            if lag_s > 0 and time is not None:
+                change[known, i] = lagged(change[known, i], time[known], float(lag_s))
+        change = change.reshape(temperature.size, *self.lag_s.shape)
         return self.offset + self.k * change + self.quadratic * change**2
 
 
@@ -100,9 +117,12 @@ def fit_sensitivity(
     method: Literal["irls", "ls"] = "irls",
     loss: Loss | None = None,
     scale: Scale = "mad",
+    errors: Literal["ou+white", "white"] = "ou+white",
     confidence: float = 0.95,
 ) -> SensitivityFit:
-    """Fit line-of-sight angles as a function of temperature, one fit per axis.
+    """Fit line-of-sight angles as a function of one temperature, one fit per axis.
+
+    The small case of `identify`, which takes several temperatures, trends, steps and seasons.
 
     Parameters
     ----------
@@ -111,7 +131,7 @@ def fit_sensitivity(
     angles : (n,) or (n, k) array, radians
         Angles at each sample. A sample without temperature or angle (NaN) is left out.
     time_s : (n,) array, optional
-        Increasing times; needed with a lag.
+        Increasing times; needed with a lag, evenly spaced samples unless given.
     lag_s : float or "fit", optional
         Time constant of a first-order lag between this temperature and the structure, known or to
         be fitted. The structure starts in equilibrium with the first temperature, which runs
@@ -124,10 +144,10 @@ def fit_sensitivity(
         For "irls"; Huber(1.345) unless given.
     scale : str or float
         For "irls": as `irls` takes it.
+    errors : "ou+white" or "white"
+        Whether errors have a memory, as for `identify`.
     confidence : float
-        Of the intervals, which follow Student's t distribution, widened by sqrt((1 + r) / (1 - r))
-        where neighbouring residuals have the correlation r (Bayley and Hammersley 1946). They hold
-        if the law does: what one lag cannot describe moves k itself.
+        Of the intervals, as for `identify`.
 
     Returns
     -------
@@ -154,23 +174,31 @@ def fit_sensitivity(
         (temperature.size,) if series.ndim < 2 else (temperature.size, "k")
     )
     shaped("angles", series, shape, why="to match temperature_degC")
-    lag = (
-        0.0
-        if lag_s is None
-        else lag_s
-        if lag_s == "fit"
-        else float(positive("lag_s", number("lag_s", lag_s)))
-    )
+    fitted = lag_s == "fit"
+    lag = 0.0
+    if lag_s is not None and not fitted:
+        lag = float(positive("lag_s", number("lag_s", lag_s)))
     choice("method", method, ("irls", "ls"))
-    law = _Law(
-        temperature,
-        _times(time_s, temperature, needed=lag != 0.0),
-        columns=3 if boolean("quadratic", quadratic) else 2,
-        loss=None if method == "ls" else loss or Huber(),
-        scale=scale,
-    )
+    choice("errors", errors, ("ou+white", "white"))
+    degree = 2 if boolean("quadratic", quadratic) else 1
+    time = _times(time_s, temperature, needed=lag_s is not None)
     level = number("confidence", confidence, low=0.0, high=1.0)
-    fits = [law.fit(column, lag, level) for column in series.reshape(temperature.size, -1).T]
+    solver: Solver = LeastSquares()
+    if method == "irls":
+        solver = IRLS(Huber() if loss is None else loss, scale=scale, on_fail="ignore")
+    for column in series.reshape(temperature.size, -1).T:
+        used = np.isfinite(column) & np.isfinite(temperature)
+        _check_enough(temperature[used], degree + 1, degree + 1 + fitted)
+    term: Linear | Lagged = Linear(_NAME, degree=degree)
+    if lag_s is not None:
+        # Nobody says here that one lag is the law, so the interval is to hold for any lags.
+        term = Lagged(_NAME, tau_s="spectrum" if fitted else lag, degree=degree)
+    clock = np.arange(float(temperature.size)) if time is None else time
+    design = bind(Offset() + term, {_NAME: temperature}, clock)
+    fits = [
+        _fit(design, column, solver, errors, level, lag)
+        for column in series.reshape(temperature.size, -1).T
+    ]
     failed = sum(not fit.converged for fit in fits)
     if failed:
         warnings.warn(
@@ -181,132 +209,36 @@ def fit_sensitivity(
     return _join(fits) if series.ndim > 1 else fits[0]
 
 
-@dataclass(frozen=True)
-class _Law:
-    """A temperature history, and how angles are to follow it."""
-
-    temperature: Floats
-    time: Floats | None
-    columns: int
-    loss: Loss | None
-    scale: Scale
-
-    @property
-    def reference(self) -> float:
-        return float(np.nanmean(self.temperature))
-
-    def fit(self, angle: Floats, lag: float | str, level: float) -> SensitivityFit:
-        """Fit one axis."""
-        used = np.isfinite(angle) & np.isfinite(self.temperature)
-        _check_enough(self.temperature[used], self.columns, self.columns + (lag == "fit"))
-        lag_s = self._best_lag(angle, used) if lag == "fit" else float(lag)
-        design = self._design(lag_s)[used]
-        solved = self._solve(design, angle[used])
-        covariance, lag_interval = solved.cov, np.full(2, np.nan)
-        correlation = _correlation(solved.weights * solved.residuals)
-        quantile = stdtrit(solved.dof - (lag == "fit"), 0.5 + 0.5 * level) * np.sqrt(
-            (1.0 + correlation) / (1.0 - correlation)
-        )
-        if lag == "fit":
-            # To first order the logarithm of the lag is one more unknown, and takes its share of
-            # the information.
-            slope = (self._design(lag_s * _NUDGE) - self._design(lag_s / _NUDGE))[used] / (
-                2 * np.log(_NUDGE)
-            )
-            covariance = self._solve(np.column_stack([design, slope @ solved.x]), angle[used]).cov
-            with np.errstate(over="ignore"):  # where no lag shows, any is possible
-                lag_interval = lag_s * np.exp(
-                    quantile * np.sqrt(covariance[-1, -1]) * np.array([-1, 1])
-                )
-        residuals, weights = np.full(angle.size, np.nan), np.zeros(angle.size)
-        residuals[used], weights[used] = solved.residuals, solved.weights
-        return SensitivityFit(
-            k=solved.x[1],
-            k_interval=solved.x[1] + quantile * np.sqrt(covariance[1, 1]) * np.array([-1, 1]),
-            offset=solved.x[0],
-            quadratic=np.asarray(solved.x[2] if self.columns > 2 else 0.0),
-            lag_s=np.asarray(lag_s),
-            lag_interval_s=lag_interval,
-            reference_degC=self.reference,
-            rms=np.sqrt(np.mean(solved.residuals**2)),
-            residuals=residuals,
-            weights=weights,
-            correlation=np.asarray(correlation),
-            converged=np.asarray(solved.converged),
-        )
-
-    def _best_lag(self, angle: Floats, used: Bools) -> float:
-        """Lag with the smallest loss between a tenth of a sample and the whole record."""
-        from scipy.optimize import minimize_scalar  # slow to import
-
-        assert self.time is not None
-        span_s = self.time[-1] - self.time[0]
-        tried = np.geomspace(0.1 * span_s / (self.time.size - 1), span_s, _LAGS_TRIED)
-        design = np.moveaxis(self._design(tried)[used], 0, 1)
-        solved = self._solve(design, np.broadcast_to(angle[used], design.shape[:2]))
-        unit = np.min(solved.scale)
-
-        def cost(residuals: Floats) -> Floats:
-            u = residuals / unit
-            return np.sum(u**2 if self.loss is None else _rho(self.loss, u), axis=-1)
-
-        best = int(np.argmin(cost(solved.residuals)))
-        around = np.log(tried[[max(best - 1, 0), min(best + 1, _LAGS_TRIED - 1)]])
-        found = minimize_scalar(
-            lambda log_lag: float(
-                cost(self._solve(self._design(np.exp(log_lag))[used], angle[used]).residuals)
-            ),
-            bounds=tuple(around),
-            method="bounded",
-            options={"xatol": 1e-7},
-        )
-        return float(np.exp(found.x))
-
-    def _design(self, lag_s: ArrayLike) -> Floats:
-        """Columns 1, change, change squared for one lag (n, p) or several (n, lags, p)."""
-        change = _lagged(self.temperature, self.time, np.asarray(lag_s)) - self.reference
-        return change[..., None] ** np.arange(self.columns)
-
-    def _solve(self, design: Floats, angle: Floats) -> RobustFit:
-        if self.loss is None:
-            return lstsq(design, angle)
-        return irls(design, angle, loss=self.loss, scale=self.scale, on_fail="ignore")
-
-
-def _correlation(residuals: Floats) -> float:
-    """Correlation of neighbours, between 0 and what n samples can tell from 1."""
-    total = float(residuals @ residuals)
-    found = float(residuals[1:] @ residuals[:-1]) / total if total > 0 else 0.0
-    return float(np.clip(found, 0.0, 1.0 - 2.0 / residuals.size))
-
-
-def _lagged(temperature: Floats, time: Floats | None, lag_s: Floats) -> Floats:
-    """Temperature (n,) behind first-order lags (...): (n, ...); NaN stays NaN, the history runs
-    straight over it.
-    """
-    known = np.isfinite(temperature)
-    result = np.broadcast_to(
-        temperature.reshape(-1, *[1] * lag_s.ndim), (temperature.size, *lag_s.shape)
-    ).copy()
-    if time is not None and (lag_s > 0).all():
-        lags = {str(i): lag for i, lag in enumerate(lag_s.ravel())}
-        network = ThermalNetwork(lags, {}, dict.fromkeys(lags, 1.0))
-        result[known] = network.simulate(time[known], temperature[known]).reshape(-1, *lag_s.shape)
-    return result
-
-
-def _rho(loss: Loss, u: Floats) -> Floats:
-    rho = getattr(loss, "rho", None)
-    if rho is None:
-        raise ValueError(f"loss must have a method rho(u) for a lag to be fitted, got {loss!r}")
-    return np.asarray(rho(u), dtype=np.float64)
+def _fit(
+    design: Design, angle: Floats, solver: Solver, errors: str, level: float, lag: float
+) -> SensitivityFit:
+    """Fit one axis (n,)."""
+    axis = fit_axis(design, angle, solver, errors, level, {})
+    fitted = bool(design.lags)
+    left = axis.residuals[np.isfinite(axis.residuals)]
+    state = str(axis.tau_state[0]) if fitted else "given"
+    return SensitivityFit(
+        k=axis.coefficients[1],
+        k_interval=axis.interval[0],
+        offset=axis.coefficients[0],
+        quadratic=np.asarray(axis.coefficients[2] if axis.coefficients.size > 2 else 0.0),
+        lag_s=np.asarray(axis.point_tau_s[0] if fitted else lag),
+        lag_interval_s=axis.tau_interval_s[0] if fitted else np.full(2, np.nan),
+        lag_state=np.asarray(state),
+        one_lag_p_value=np.asarray(axis.lack_of_fit.f_p_value),
+        reference_degC=design.reference[_NAME],
+        rms=np.sqrt(np.mean(left**2)),
+        residuals=-axis.residuals,
+        weights=axis.weights,
+        converged=np.asarray(axis.converged),
+    )
 
 
 def _times(time_s: ArrayLike | None, temperature: Floats, *, needed: bool) -> Floats | None:
-    if not needed:
-        return None
     if time_s is None:
-        raise ValueError("time_s must be given with a lag")
+        if needed:
+            raise ValueError("time_s must be given with a lag")
+        return None
     time = increasing_times(time_s)
     shaped("time_s", time, temperature.shape, why="to match temperature_degC")
     return time
@@ -316,8 +248,7 @@ def _check_enough(temperature: Floats, levels: int, unknowns: int) -> None:
     if temperature.size <= unknowns:
         raise ValueError(
             f"angles must hold more than {unknowns} samples with a temperature, to fit as many "
-            "unknowns, "
-            f"got {temperature.size}"
+            f"unknowns, got {temperature.size}"
         )
     spread = np.ptp(temperature)
     if spread <= 1e-9 * np.abs(temperature).max():

@@ -1,0 +1,167 @@
+"""A model bound to a record: its columns for any lags, and which rows may be used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from losbench.arrays import Bools, Floats
+from losbench.checks import finite_or_nan, shaped
+from losbench.pointing.thermal.lag import lagged
+from losbench.pointing.thermal.network import increasing_times
+from losbench.pointing.thermal.terms import Adds, Difference, Lagged, Linear, Model, Product, Trend
+
+__all__ = ["Design", "bind", "read_series"]
+
+_NUDGE = 1e-3  # in the logarithm of a lag, for its derivative
+_CONSTANT = 1e-9  # of the greatest size: a smaller spread of a sensor is none
+
+
+@dataclass(frozen=True)
+class Design:
+    """A model with its sensors, less their references, over a record.
+
+    Attributes
+    ----------
+    model : Model
+        Trends with their origin set.
+    sensors : dict of (n,) arrays
+        Gaps filled along straight lines, for lags that run over them.
+    reference : dict of float
+        What was subtracted from each sensor.
+    time_s : (n,) array
+    known : (n,) bool array
+        Rows in which every sensor was there.
+    """
+
+    model: Model
+    sensors: Mapping[str, Floats]
+    reference: Mapping[str, float]
+    time_s: Floats
+    known: Bools
+
+    @property
+    def lags(self) -> tuple[tuple[int, str], ...]:
+        """Term and sensor of each lag that is to be fitted."""
+        return tuple(
+            (i, name)
+            for i, term in enumerate(self.model.terms)
+            if isinstance(term, Lagged) and term.free
+            for name in term.names
+        )
+
+    def matrix(self, tau_s: Floats) -> Floats:
+        """All columns (n, p) for lags (l,)."""
+        parts, at = [], 0
+        for term in self.model.terms:
+            if isinstance(term, Lagged) and term.free:
+                own = tau_s[at : at + len(term.names)]
+                at += len(term.names)
+                parts.append(term.columns(self.sensors, self.time_s, own))
+            else:
+                parts.append(term.columns(self.sensors, self.time_s))
+        return np.concatenate(parts, axis=1)
+
+    def places(self) -> tuple[slice, ...]:
+        """Where in the matrix each fitted lag has its columns."""
+        found, at = [], 0
+        for term in self.model.terms:
+            width = len(term.labels)
+            if isinstance(term, Lagged) and term.free:
+                found += [
+                    slice(at + k * term.degree, at + (k + 1) * term.degree)
+                    for k in range(len(term.names))
+                ]
+            at += width
+        return tuple(found)
+
+    def lagged(self, lag: int, tau_s: float) -> Floats:
+        """Columns (n, degree) of one fitted lag."""
+        i, name = self.lags[lag]
+        degree: int = self.model.terms[i].degree
+        behind = lagged(self.sensors[name], self.time_s, tau_s)
+        return behind[:, None] ** np.arange(1, degree + 1)
+
+    def slopes(self, tau_s: Floats, x: Floats) -> Floats:
+        """Derivatives (n, l) of the angle in the logarithm of each fitted lag."""
+        slopes = [
+            (self.lagged(i, tau * np.exp(_NUDGE)) - self.lagged(i, tau * np.exp(-_NUDGE)))
+            @ x[place]
+            / (2.0 * _NUDGE)
+            for i, (tau, place) in enumerate(zip(tau_s, self.places(), strict=True))
+        ]
+        return np.stack(slopes, axis=1) if slopes else np.empty((self.time_s.size, 0))
+
+    def sensitive(self) -> tuple[int, ...]:
+        """Columns whose unknown is an angle per degree: first powers of a sensor or difference."""
+        found, at = [], 0
+        for term in self.model.terms:
+            if isinstance(term, Linear | Lagged):
+                found += [at + k * term.degree for k in range(len(term.names))]
+            elif isinstance(term, Difference):
+                found.append(at)
+            at += len(term.labels)
+        return tuple(found)
+
+
+def bind(
+    model: Adds,
+    sensors: Mapping[str, ArrayLike],
+    time_s: ArrayLike,
+    *,
+    reference: Mapping[str, float] | None = None,
+) -> Design:
+    """Check a model against a record and bind it; sensors are taken less their mean, or less the
+    ``reference``.
+    """
+    if not isinstance(model, Adds):
+        raise ValueError(f"model must be a sum of terms of lb.terms, got {model!r}")
+    t = increasing_times(time_s)
+    whole = model if isinstance(model, Model) else Model((model,))
+    if len(set(whole.labels)) < len(whole.labels):
+        twice = next(name for name in whole.labels if whole.labels.count(name) > 1)
+        raise ValueError(f"model must hold each term once, got {twice} twice")
+    missing = sorted(set(whole.sensors) - set(sensors))
+    if missing:
+        raise ValueError(
+            f"sensors must hold {', '.join(missing)}, got {', '.join(sensors) or 'none'}"
+        )
+    known = np.ones(t.size, dtype=bool)
+    filled, means = {}, {}
+    for name in whole.sensors:
+        series = finite_or_nan(f"sensor {name}", sensors[name], ndim=1)
+        shaped(f"sensor {name}", series, (t.size,), why="to match time_s")
+        there = np.isfinite(series)
+        if not there.any():
+            raise ValueError(f"sensor {name} must hold a reading, got none")
+        if reference is None and np.ptp(series[there]) <= _CONSTANT * np.abs(series[there]).max():
+            raise ValueError(
+                f"sensor {name} must vary to give a sensitivity, got {series[there][0]:g} "
+                "throughout"
+            )
+        means[name] = float(series[there].mean()) if reference is None else reference[name]
+        filled[name] = np.interp(t, t[there], series[there]) - means[name]
+        known &= there
+    origin = 0.5 * float(t[0] + t[-1])
+    return Design(Model(tuple(_set(term, origin) for term in whole.terms)), filled, means, t, known)
+
+
+def _set(term: Adds, origin_s: float) -> Adds:
+    """Term with the origin of its trends."""
+    if isinstance(term, Trend) and term.origin_s is None:
+        return replace(term, origin_s=origin_s)
+    if isinstance(term, Product):
+        if any(isinstance(part, Lagged) and part.free for part in (term.first, term.second)):
+            raise ValueError("Product must be of lags that are known: tau_s a number")
+        return Product(_set(term.first, origin_s), _set(term.second, origin_s))
+    return term
+
+
+def read_series(angles: ArrayLike, samples: int) -> Floats:
+    """Angles as (n, k), NaN where missing."""
+    given = finite_or_nan("angles", angles)
+    shaped("angles", given, (samples,) if given.ndim < 2 else (samples, "k"), why="to match time_s")
+    return given.reshape(samples, -1)

@@ -1,0 +1,121 @@
+"""Folds left out: leave-one-out in closed form, steps that no fold can tell, choices that recover."""
+
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.pointing.thermal.folds import read_folds, sigma_about_zero
+from losbench.pointing.thermal.terms import Fourier, Lagged, Linear, Offset, Steps, Trend
+
+RNG = np.random.default_rng(20261812)
+T = 3600.0 * np.arange(600)
+ROOM, OTHER = np.sin(T / 80_000.0) + 0.1 * RNG.standard_normal(600), RNG.standard_normal(600)
+SENSORS = {"room": ROOM, "other": OTHER}
+Y = 1e-6 * ROOM + 5e-8 * RNG.standard_normal(600)
+
+
+def test_leaving_out_one_sample_each_is_the_press_of_least_squares():
+    n = 40
+    found = lb.cross_validate(
+        Offset() + Linear("room"), Y[:n], {"room": ROOM[:n]}, T[:n], folds=n, solver="ls"
+    )
+    columns = np.column_stack([np.ones(n), ROOM[:n]])
+    hat = columns @ np.linalg.pinv(columns)
+    press = (Y[:n] - hat @ Y[:n]) / (1 - np.diag(hat))
+    np.testing.assert_allclose(found.errors, press, rtol=1e-8)
+    assert found.sigma == pytest.approx(1.482602218505602 * np.median(np.abs(press)))
+
+
+def test_an_offset_between_folds_is_an_error_and_a_median_by_fold_shows_it():
+    fold = np.arange(600) // 150
+    y = Y + 3e-6 * (fold == 2)
+    found = lb.cross_validate(Offset() + Linear("room"), y, SENSORS, T, folds=fold)
+    assert found.median_by_fold[2] == pytest.approx(3e-6, rel=0.05)
+    assert found.by_fold[2] > 3e-6
+    assert found.labels.tolist() == ["0", "1", "2", "3"]
+
+
+def test_forward_predicts_from_the_past_alone_and_baselines_stand_beside():
+    y = Y + 1e-11 * T * 0.5
+    found = lb.cross_validate(
+        Offset() + Linear("room") + Trend(1), y, SENSORS, T, folds=6, horizon="forward"
+    )
+    assert found.not_predictable == ("block 1",)
+    assert np.isnan(found.errors[:100]).all()
+    assert set(found.baselines) == {"constant", "trend", "last", "1 d"}
+    # The difference of two samples holds twice the noise of one, the model's error once.
+    assert found.baselines["last"] > 1.2 * found.sigma
+
+
+def test_a_step_inside_a_fold_left_out_cannot_be_predicted():
+    fold = np.arange(600) // 100
+    model = Offset() + Linear("room") + Steps((T[599] + 1e4,))
+    assert len(lb.cross_validate(model, Y, SENSORS, T, folds=fold).not_predictable) == 6
+    inside = Offset() + Steps((T[210], T[290]))
+    found = lb.cross_validate(inside, Y, SENSORS, T, folds=fold)
+    assert found.not_predictable == ("2",)
+    assert np.isnan(found.errors[200:300]).all()
+
+
+def test_years_are_julian_from_the_first_sample():
+    year = 31_557_600.0
+    number, labels = read_folds("year", np.array([5.0, 6.0, 5.0 + year, 5.0 + 2.5 * year]))
+    assert number.tolist() == [0, 0, 1, 2]
+    assert labels == ["year 1", "year 2", "year 3"]
+
+
+def test_sigma_is_about_zero():
+    assert sigma_about_zero(np.full((5, 1), -2.0))[0] == pytest.approx(2 * 1.482602218505602)
+    assert np.isnan(sigma_about_zero(np.full((3, 1), np.nan))[0])
+
+
+def test_a_choice_takes_what_is_there_and_nothing_else():
+    room_late = lb.terms.Lagged("room", tau_s=40_000.0)
+    y = 1e-6 * lb.terms.Lagged("room", tau_s=40_000.0).columns(SENSORS, T)[:, 0]
+    y = y + 3e-7 * np.cos(2 * np.pi * T / 86_400.0) + 5e-8 * RNG.standard_normal(600)
+    y[::50] += 1e-4
+    candidates = {
+        "room": Linear("room"),
+        "room late": room_late,
+        "other": Linear("other"),
+        "daily": Fourier(86_400.0),
+        "trend": Trend(1),
+    }
+    found = lb.choose(candidates, y, SENSORS, T, folds=5)
+    assert [name for name, _ in found.path] == ["start", "room late", "daily"]
+    assert found.picked["daily"] == 5
+    assert found.picked["other"] == 0
+    assert found.nested_sigma == pytest.approx(5e-8, rel=0.2)
+    assert found.model.labels[0] == "offset"
+    # The last sigma is that of the same model under plain cross-validation.
+    again = lb.cross_validate(found.model, y, SENSORS, T, folds=5)
+    assert again.sigma == pytest.approx(found.path[-1][1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: lb.cross_validate(Offset(), Y, {}, T, folds=np.zeros(600)),
+            "folds must be at least two, got 1",
+        ),
+        (lambda: lb.cross_validate(Offset(), Y, {}, T, folds=1), "folds must be a whole number"),
+        (
+            lambda: lb.cross_validate(Offset(), Y, {}, T, folds="month"),
+            "folds must be one of 'year'",
+        ),
+        (
+            lambda: lb.cross_validate(Offset(), np.where(T[300] > T, np.nan, Y), {}, T, folds=4),
+            "folds must each hold samples, got none in block 1",
+        ),
+        (
+            lambda: lb.choose({"a": Lagged("room")}, Y, SENSORS, T),
+            "candidates must have known lags, got one to fit in a",
+        ),
+        (lambda: lb.choose({"t": Trend(1)}, np.ones((600, 2)), {}, T), "angles must be one axis"),
+        (lambda: lb.choose({"t": Trend(1)}, Y, {}, T, folds=2), "folds must be at least three"),
+    ],
+)
+def test_bad_input_to_a_cross_validation_is_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
