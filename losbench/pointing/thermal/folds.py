@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats
 from losbench.checks import choice, integer, shaped
-from losbench.estimation.robust.scales import MAD_TO_SIGMA
 from losbench.estimation.solvers import Solver, as_part, read_solver
 from losbench.pointing.thermal.design import Design, bind, read_series
 from losbench.pointing.thermal.search import fit_point
 from losbench.pointing.thermal.terms import Adds
-from losbench.units import rad_to_arcsec
+from losbench.units import SIGMA_PER_MAD, rad_to_arcsec
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -161,7 +160,7 @@ def cross_validate(
 
 def sigma_about_zero(errors: Floats) -> Floats:
     """1.4826 times the median absolute error along axis 0, NaN left out."""
-    return _median(np.abs(errors)) / MAD_TO_SIGMA
+    return _median(np.abs(errors)) * SIGMA_PER_MAD
 
 
 def read_folds(folds: str | int | ArrayLike, time_s: Floats) -> tuple[NDArray[np.intp], list[str]]:
