@@ -106,7 +106,7 @@ def worker(door, first, last, seed):
             print(json.dumps([case, "began"]), flush=True)
             rng = np.random.default_rng([seed, case])
             name = names[case % len(names)]
-            path = Path(folder, name)
+            path = Path(folder, f"{case}-{name}")  # handles are kept by path
             path.write_bytes(damaged(whole[name], rng))
             signal.alarm(4 * MOST_S)  # the end of what never ends
             outcome = judged(read, path)

@@ -678,6 +678,40 @@ def test_hdf5_stacks_are_chosen_by_name(tmp_path):
         lb.open_frames(tmp_path / "empty.h5")
 
 
+def test_a_chunk_of_no_bytes_is_found_before_hdf5_s_own_library_reads_it(tmp_path):
+    """The library's checksum of such a chunk ends the process (found by fuzzing)."""
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset(
+            "s", data=FRAMES, chunks=(2, 10, 10), compression="gzip", fletcher32=True
+        )
+    np.testing.assert_array_equal(read(path), FRAMES)
+    with h5py.File(path) as file:
+        infos = [file["s"].id.get_chunk_info(k) for k in range(3)]
+    whole = path.read_bytes()
+    for n, info in enumerate(infos):  # a key of the tree: size, filter mask, place of the chunk
+        key = struct.pack("<II3Q", info.size, 0, *info.chunk_offset)
+        assert whole.count(key) == 1
+        damaged = tmp_path / f"{n}.h5"
+        damaged.write_bytes(whole.replace(key, struct.pack("<II3Q", 0, 0, *info.chunk_offset)))
+        with pytest.raises(
+            lb.UnreadableFrame, match=r"h5 cannot be read: chunk .* of s is damaged"
+        ):
+            lb.open_frames(damaged)
+
+
+def test_hdf5_links_to_other_files_and_to_itself_are_not_followed(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["stack"] = FRAMES
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["g/stack"] = FRAMES[:2]
+        file["g/again"] = file["g"]
+        file["elsewhere"] = h5py.ExternalLink("other.h5", "/stack")
+    assert lb.open_frames(tmp_path / "a.h5").n_frames == 2
+
+
 def test_a_video_in_grey_is_read_and_sought(tmp_path):
     path = str(tmp_path / "a.avi")
     smooth = (np.add.outer(np.arange(48), np.arange(64)) * 2).astype(np.uint8)

@@ -17,6 +17,8 @@ __all__ = ["HDF5", "Hdf5Frames", "open_hdf5"]
 
 HDF5 = (".h5", ".hdf5", ".hdf", ".nxs", ".he5")
 _MOST_LISTED = 8
+_MOST_MEMBERS = 10_000
+_CHECKSUM_BYTES = 4
 
 
 @dataclass(frozen=True)
@@ -58,31 +60,59 @@ def open_hdf5(path: Path, dataset: str | None) -> Found:
             f"{', '.join(list(stacks)[:_MOST_LISTED]) or 'none'}, got {dataset!r}"
         )
     with decoding(path.name):
-        data = opened(_file, path)[name]
-        held, item = path.stat().st_size, data.dtype.itemsize
-        fits_in(path.name, math.prod(data.chunks or data.shape[1:]) * item, held)
-        fits_in(path.name, math.prod(data.shape[1:]) * item, held)
-        stored = max(data.id.get_storage_size(), 1)
-        if math.prod(data.shape) * item > max(2**26, 1100 * stored):
-            raise UnreadableFrame(
-                f"{path.name} cannot be read: {name} claims shape {data.shape} but {stored:_} "
-                "bytes are stored"
-            )
+        _check(path, name, opened(_file, path)[name])
     return Found(name=path.name, source=Hdf5Frames(path, name, stacks[name][0]))
 
 
 def _stacks(file: Any) -> dict[str, tuple[int, ...]]:
+    """Return the stacks of a file by name; links to other files are not followed."""
     import h5py
 
     stacks: dict[str, tuple[int, ...]] = {}
+    seen: set[int] = set()
+    groups = [("", file)]
+    while groups:  # not visititems, which on a damaged file may never end
+        above, group = groups.pop()
+        for key in group:
+            if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+                continue
+            thing, name = group[key], f"{above}{key}"
+            at = h5py.h5o.get_info(thing.id).addr
+            if at in seen or len(seen) > _MOST_MEMBERS:
+                continue
+            seen.add(at)
+            if isinstance(thing, h5py.Group):
+                groups.append((f"{name}/", thing))
+            elif isinstance(thing, h5py.Dataset) and thing.dtype.kind in "uif":
+                shape = tuple(map(int, thing.shape or ()))
+                if len(shape) in (3, 4) and 0 not in shape:
+                    stacks[name] = shape
+    return dict(sorted(stacks.items()))
 
-    def look(name: str, thing: Any) -> None:
-        numbers = isinstance(thing, h5py.Dataset) and thing.dtype.kind in "uif"
-        if numbers and len(thing.shape or ()) in (3, 4) and 0 not in thing.shape:
-            stacks[name] = tuple(map(int, thing.shape))
 
-    file.visititems(look)
-    return stacks
+def _check(path: Path, name: str, data: Any) -> None:
+    """Raise if a data set claims more than its file can hold, or has chunks over which HDF5's own
+    library would end the process.
+    """
+    held, item = path.stat().st_size, data.dtype.itemsize
+    chunk = math.prod(data.chunks or data.shape[1:]) * item
+    for claimed in (chunk, math.prod(data.shape[1:]) * item):
+        fits_in(path.name, claimed, held)
+    fits_in(f"{name} of {path.name}", math.prod(data.shape) * item, data.id.get_storage_size())
+    damaged: list[Any] = []
+
+    def look(info: Any) -> Any:
+        inside = info.byte_offset >= 0 and info.byte_offset + info.size <= held
+        if not inside or info.size <= _CHECKSUM_BYTES:
+            damaged.append(info.chunk_offset)
+        return True if damaged else None  # whatever is not None ends the walk
+
+    if data.chunks:
+        data.id.chunk_iter(look)
+    if damaged:
+        raise UnreadableFrame(
+            f"{path.name} cannot be read: chunk {damaged[0]} of {name} is damaged"
+        )
 
 
 def _file(path: Path) -> Any:
