@@ -114,6 +114,70 @@ def test_compressed_pages_are_exact(tmp_path, compression, tiled):
     np.testing.assert_array_equal(read(tmp_path / "a.tif"), FRAMES)
 
 
+def test_smaller_copies_are_no_pages(tmp_path):
+    path = tmp_path / "a.tif"
+    pages = [(FRAMES[0].tobytes(), 20, 30), (FRAMES[1, :10, :15].tobytes(), 10, 15)]
+    write.tiff(path, pages, tags={254: 1})  # both say so: then there is nothing else to take
+    with pytest.raises(lb.UnreadableFrame, match=r"all frames must be 20x30 uint16 as page 0"):
+        read(path)
+    whole = path.read_bytes()
+    at = whole.index(struct.pack("<HHII", 254, 4, 1, 1))
+    path.write_bytes(whole[:at] + struct.pack("<HHII", 254, 4, 1, 0) + whole[at + 12 :])
+    frames = lb.open_frames(path)
+    np.testing.assert_array_equal(frames.read(0, frames.n_frames), FRAMES[:1])
+    assert frames.notes == ("a.tif holds 1 smaller copies of pages: they are left out.",)
+
+
+@pytest.mark.parametrize("photometric", [3, 4, 5, 8])
+def test_what_is_no_count_of_light_is_refused(tmp_path, photometric):
+    path = write.tiff16(tmp_path / "a.tif", FRAMES, photometric=photometric)
+    with pytest.raises(lb.UnreadableFrame, match="must be one grey image"):
+        lb.open_frames(path)
+
+
+@pytest.mark.parametrize("kind", ["order", "strips", "tiles", "fill order"])
+def test_packed_bits_are_right_however_they_lie(tmp_path, kind):
+    """12 bits in big-endian files, in strips, in tiles (imagecodecs), with the bits of bytes turned."""
+    tifffile = pytest.importorskip("tifffile")
+    pytest.importorskip("imagecodecs")
+    frame = np.random.default_rng(12).integers(0, 4096, (48, 64)).astype(np.uint16)
+    if kind == "fill order":
+        data = write.tiff12(tmp_path / "b.tif", [frame]).read_bytes()[8 : 8 + 48 * 96]
+        turned = np.packbits(
+            np.unpackbits(np.frombuffer(data, np.uint8)), bitorder="little"
+        ).tobytes()
+        write.tiff(tmp_path / "a.tif", [(turned, 48, 64)], bits=12, tags={266: 2})
+    else:
+        from imagecodecs import packints_encode
+
+        rows = b"".join(packints_encode(row, 12) for row in frame)
+        order = ">" if kind == "order" else "<"
+        if kind == "tiles":
+            tiles = [frame[r : r + 16, c : c + 16] for r in (0, 16, 32) for c in range(0, 64, 16)]
+            rows = b"".join(packints_encode(row, 12) for tile in tiles for row in tile)
+        path = write.tiff(tmp_path / "a.tif", [(rows, 48, 64)], bits=12, order=order)
+        if kind in ("strips", "tiles"):
+            with tifffile.TiffFile(path) as file:
+                begin = file.pages[0].dataoffsets[0]
+            whole = bytearray(path.read_bytes())
+            n = 12 if kind == "tiles" else 3
+            each = len(rows) // n
+            lists = len(whole)
+            whole += struct.pack(f"<{n}I", *(begin + each * k for k in range(n)))
+            whole += struct.pack(f"<{n}I", *([each] * n))
+            tags = {256: (1, 64), 257: (1, 48), 258: (1, 12), 259: (1, 1), 262: (1, 1), 277: (1, 1)}
+            tags |= (
+                {322: (1, 16), 323: (1, 16), 324: (n, lists), 325: (n, lists + 4 * n)}
+                if kind == "tiles"
+                else {273: (n, lists), 278: (1, 16), 279: (n, lists + 4 * n)}
+            )
+            whole[4:8] = struct.pack("<I", len(whole))
+            whole += struct.pack("<H", len(tags))
+            whole += b"".join(struct.pack("<HHII", tag, 4, *v) for tag, v in sorted(tags.items()))
+            path.write_bytes(bytes(whole) + bytes(4))
+    np.testing.assert_array_equal(read(tmp_path / "a.tif")[0], frame)
+
+
 def test_late_pages_do_not_walk_from_the_start(tmp_path, monkeypatch):
     """Reading the last page looks at no other directory."""
     tifffile = pytest.importorskip("tifffile")
@@ -238,6 +302,40 @@ def test_a_header_that_claims_gigabytes_is_refused_before_memory_is_asked_for(tm
         lb.UnreadableFrame, match=r"page 0 of a.tif cannot be read: its header claims"
     ):
         lb.open_frames(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("depth", [2, 4])
+def test_numbers_of_few_bits_are_not_stretched(tmp_path, depth):
+    import zlib
+
+    def chunk(name, data):
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
+
+    values = np.arange(8, dtype=np.uint8) % 2**depth
+    packed = np.packbits(np.unpackbits(values[:, None], axis=1)[:, 8 - depth :].ravel()).tobytes()
+    head = struct.pack(">IIBBBBB", 8, 1, depth, 0, 0, 0, 0)
+    body = (
+        chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0" + packed)) + chunk(b"IEND", b"")
+    )
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    assert read(tmp_path / "a.png").ravel().tolist() == values.tolist()
+    for top in (15, 4095):
+        wide = ">u2" if top > 255 else "u1"
+        (tmp_path / "a.pgm").write_bytes(
+            f"P5 3 1 {top}\n".encode() + np.array([0, 7, top], wide).tobytes()
+        )
+        assert read(tmp_path / "a.pgm").ravel().tolist() == [0, 7, top]
+        (tmp_path / "b.pgm").write_text(f"P2\n# a comment\n3 1\n{top}\n0 7 {top}\n")
+        if top == 15:
+            (tmp_path / "c.pgm").write_text((tmp_path / "b.pgm").read_text())
+        else:
+            assert read(tmp_path / "b.pgm").ravel().tolist() == [0, 7, top]
+    with pytest.raises(
+        lb.UnreadableFrame, match=r"c.pgm cannot be read: a PGM in text must have 8 or 16"
+    ):
+        read(tmp_path / "c.pgm")
 
 
 # NumPy
@@ -431,6 +529,31 @@ def test_planes_of_uncertainty_are_no_frames_and_masks_are_kept(tmp_path):
         ]
     fits.HDUList([fits.PrimaryHDU(), *pairs]).writeto(tmp_path / "b.fits")
     np.testing.assert_array_equal(np.isnan(read(tmp_path / "b.fits")), FRAMES[:3] > 3500)
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        ["ERR", "DQ", "AREA", "VAR_POISSON", "VAR_RNOISE"],
+        ["ERR", "DQ", "SAMP", "TIME"],
+        ["MASK", "VARIANCE"],
+        ["preview"],
+    ],
+)
+def test_of_named_extensions_only_the_image_is_a_frame(tmp_path, others):
+    """JWST, HST, LSST, and whoever names one extension SCI."""
+    name = "IMAGE" if "VARIANCE" in others else "SCI"
+    extra = [fits.ImageHDU((FRAMES[1] * 0).astype("f4"), name=other) for other in others]
+    fits.HDUList(
+        [fits.PrimaryHDU(), fits.ImageHDU(FRAMES[0].astype("f4"), name=name), *extra]
+    ).writeto(tmp_path / "a.fits")
+    np.testing.assert_array_equal(read(tmp_path / "a.fits"), FRAMES[:1])
+
+
+def test_cubes_of_one_folder_are_joined(tmp_path):
+    for k in range(2):
+        fits.PrimaryHDU(FRAMES[3 * k : 3 * k + 3]).writeto(tmp_path / f"{k}.fits")
+    np.testing.assert_array_equal(read(tmp_path), FRAMES)
 
 
 def test_ccddata_of_astropy_is_one_frame(tmp_path):

@@ -179,7 +179,7 @@ def _full_scale(plane: NDArray[Any], step: int, bits: int | None) -> float | Non
     if bits is not None:
         return float(2**bits - 1)
     top = int(plane.max()) // step
-    if plane.dtype == np.uint16:
+    if plane.dtype.itemsize > 1:
         ends = [2**b - 1 for b in _CONVERTERS if 2**b - 1 <= np.iinfo(np.uint16).max // step]
         if top in ends and (plane // step == top).sum() >= _FULL:
             return float(top)

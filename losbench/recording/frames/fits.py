@@ -14,6 +14,7 @@ from losbench.arrays import Bools
 from losbench.recording.frames.develop import first_readable
 from losbench.recording.frames.fitstimes import axis_times, dated
 from losbench.recording.frames.handles import file_size, opened, plain_file
+from losbench.recording.frames.joined import join
 from losbench.recording.frames.plane import Plane, planes_of
 from losbench.recording.frames.protocol import (
     Found,
@@ -109,7 +110,10 @@ def open_fits(paths: list[Path], name: str, *, skip: bool, own_times: bool) -> t
             paths, name, images[0].index, mask, skip=skip, own_times=own_times
         )
         return (replace(found_one, notes=(*notes, *found_one.notes)),)
-    if len(shape) not in (2, 3) or len(paths) > 1:
+    if len(shape) == 3 and len(paths) > 1:
+        cubes = [open_fits([path], "", skip=skip, own_times=own_times)[0] for path in paths]
+        return (join(cubes, name),)
+    if len(shape) not in (2, 3):
         raise ValueError(
             f"{first.name} must hold one frame of a folder, or a stack (frames, rows, cols), got "
             f"{shape}"
@@ -231,6 +235,7 @@ def _said_of_companions(first: Path, roles: list[str]) -> tuple[str, ...]:
     said: list[tuple[str, str]] = [
         ("mask", "masks, whose pixels are left out"),
         ("uncertainty", "planes of uncertainty, which are no frames"),
+        ("other", "other images, which are no frames by their names"),
     ]
     return tuple(
         f"{first.name} holds {roles.count(role)} {what}." for role, what in said if role in roles

@@ -9,7 +9,7 @@ import numpy as np
 from losbench.logs import FrameTimes, increasing, times_from_utc
 from losbench.recording.frames.handles import opened
 from losbench.recording.frames.plane import Plane, hdu_list
-from losbench.recording.frames.protocol import decoding
+from losbench.recording.frames.protocol import decoding, quietly
 
 __all__ = ["axis_times", "dated"]
 
@@ -35,7 +35,7 @@ def _in_utc(date: str, clock: str) -> str:
         return date
     from astropy.time import Time, TimeDelta
 
-    with decoding(f"DATE-OBS {date!r}"):
+    with decoding(f"DATE-OBS {date!r}"), quietly():
         scale = "tai" if clock == "GPS" else _SAME.get(clock, clock.lower())
         at = Time(date.rstrip("Z"), scale=scale)
         if clock == "GPS":
@@ -45,7 +45,7 @@ def _in_utc(date: str, clock: str) -> str:
 
 def axis_times(path: Path, plane: Plane, n_frames: int) -> FrameTimes | None:
     """Return the times of a cube whose third axis is time in seconds."""
-    with decoding(path.name):
+    with decoding(path.name), quietly():
         header = opened(hdu_list, path)[plane.index].header
         kind, unit = (str(header.get(key, "")).strip() for key in ("CTYPE3", "CUNIT3"))
         if kind.upper() != "TIME" or unit not in ("", "s"):

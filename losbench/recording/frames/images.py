@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.recording.frames.handles import quiet_opencv
-from losbench.recording.frames.protocol import Found, UnreadableFrame, decoding, fits_in
+from losbench.recording.frames.protocol import Found, UnreadableFrame, decoding, fits_in, quietly
 from losbench.recording.frames.tiff import TIFF, facts, single_page
 
 __all__ = ["IMAGES", "ImageFiles", "open_images"]
 
 _LOSSY = (".jpg", ".jpeg")
 _PNG = b"\x89PNG\r\n\x1a\n"
+_GREY = 0  # colour type of a PNG
+_PGM_HEADER = re.compile(rb"#[^\n]*")
 IMAGES = (".png", ".bmp", ".pgm", ".pnm", *_LOSSY, *TIFF)
 
 
@@ -69,8 +72,18 @@ def _decoded(path: Path, label: str) -> NDArray[Any]:
         frame = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if frame is None:
         raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
-    # OpenCV puts blue first.
-    return frame if frame.ndim == 2 else frame[..., [2, 1, 0, 3][: frame.shape[-1]]]
+    if frame.ndim == 3:  # OpenCV puts blue first
+        return frame[..., [2, 1, 0, 3][: frame.shape[-1]]]
+    return frame // _stretched(data, label)
+
+
+def _stretched(data: bytes, label: str) -> int:
+    """Return by how much OpenCV stretches numbers of fewer than eight bits to fill them."""
+    if data.startswith(_PNG) and data[24] < 8 and data[25] == _GREY:
+        return int(255 // (2 ** data[24] - 1))
+    if data.startswith(b"P2") and int(_PGM_HEADER.sub(b" ", data[2:]).split()[2]) < 255:
+        raise UnreadableFrame(f"{label} cannot be read: a PGM in text must have 8 or 16 bits")
+    return 1
 
 
 def _whole(data: bytes) -> bool:
@@ -97,7 +110,7 @@ def _claimed(data: bytes, label: str) -> int:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with decoding(label), Image.open(io.BytesIO(data)) as header:
+        with decoding(label), quietly(), Image.open(io.BytesIO(data)) as header:
             return header.width * header.height * (1 if header.mode in ("1", "L", "P") else 8)
     except UnreadableFrame as error:
         if isinstance(error.__cause__, UnidentifiedImageError):

@@ -15,7 +15,7 @@ from losbench.logs import FrameTimes, increasing
 from losbench.recording.frames.contiguous import native
 from losbench.recording.frames.handles import opened
 from losbench.recording.frames.plane import hdu_list
-from losbench.recording.frames.protocol import Found, UnreadableFrame, decoding
+from losbench.recording.frames.protocol import Found, UnreadableFrame, decoding, quietly
 
 __all__ = ["PixelFile", "is_pixel_file", "open_pixel_files"]
 
@@ -35,8 +35,9 @@ class PixelFile:
 
     def frame(self, k: int) -> NDArray[Any]:
         """Return one cadence, with its margin."""
-        frame: NDArray[Any] = opened(_flux, self.path)[k]
-        return frame
+        with decoding(self.label(k)):
+            frame: NDArray[Any] = opened(_flux, self.path)[k]
+            return frame
 
     def label(self, k: int) -> str:
         """Return the name of a cadence."""
@@ -46,7 +47,7 @@ class PixelFile:
 def is_pixel_file(path: Path) -> bool:
     """Whether a FITS file has a FLUX column."""
     hdus = opened(hdu_list, path)
-    with decoding(path.name):
+    with decoding(path.name), quietly():
         return any("FLUX" in _columns(hdu) for hdu in hdus)
 
 
@@ -83,7 +84,7 @@ def open_pixel_files(paths: list[Path], *, own_times: bool) -> tuple[Found, ...]
 
 def _one(path: Path) -> tuple[Found, Floats]:
     """Return one file's stamp, and flux against variance of all its pixels."""
-    with decoding(path.name):
+    with decoding(path.name), quietly():
         table = _table(path)
         names, flux = _columns(table), np.array(table.data["FLUX"])
         variance = np.empty((2, 0))
@@ -130,7 +131,8 @@ def _table(path: Path) -> Any:
 
 
 def _flux(path: Path) -> NDArray[Any]:
-    flux = np.array(_table(path).data["FLUX"])
+    with quietly():
+        flux = np.array(_table(path).data["FLUX"])
     return native(np.pad(np.nan_to_num(flux), [(0, 0), (_MARGIN, _MARGIN), (_MARGIN, _MARGIN)]))
 
 

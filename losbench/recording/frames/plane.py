@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.recording.frames.handles import file_size, fill, opened, plain_file
-from losbench.recording.frames.protocol import decoding, fits_in
+from losbench.recording.frames.protocol import decoding, fits_in, quietly
 
 __all__ = ["Plane", "hdu_list", "planes_of"]
 
-_UNCERTAINTIES = ("UNCERT", "ERR", "ERROR", "VAR", "VARIANCE", "IVAR", "WHT", "WEIGHT", "STDDEV")
-_MASKS = ("DQ", "MASK", "BADPIX", "FLAGS")
+# How extensions beside an image are called by CCDData, HST, JWST, LSST and others.
+_IMAGES = ("SCI", "SCIENCE", "IMAGE")
+_UNCERTAINTIES = ("UNC", "ERR", "VAR", "IVAR", "WHT", "WEIGHT", "STD", "SIGMA", "RMS", "NOISE")
+_OTHERS = ("SAMP", "TIME", "AREA", "EXP", "COVERAGE", "CON", "CTX", "PSF", "BKG", "BACKGROUND")
+_MASKS = ("DQ", "MASK", "BADPIX", "BPM", "FLAG")
 _CALIBRATION = ("DARK", "BIAS", "FLAT", "ZERO")
 
 
@@ -77,7 +80,8 @@ class Plane:
                 hdu = opened(hdu_list, path)[self.index]
                 ones = (0,) * (len(hdu.shape) - len(self.shape))
                 within = (np.s_[:], np.s_[:]) if len(self.shape) == 2 else (k,)
-                raw = np.array(hdu.section[(*ones, *within)])
+                with quietly():
+                    raw = np.array(hdu.section[(*ones, *within)])
             else:
                 file = opened(plain_file, path)
                 fits_in(label, self.frame_bytes, file_size(file))
@@ -107,7 +111,7 @@ def hdu_list(path: Path) -> Any:
         from astropy.io import fits
     except ImportError:
         raise ImportError("FITS files need astropy: pip install 'losbench[fits]'") from None
-    with decoding(path.name):
+    with decoding(path.name), quietly():
         packed = path.suffix.lower() in (".gz", ".bz2")
         source = os.dup(opened(plain_file, path).fileno()) if packed else None
         file = path if source is None else os.fdopen(source, "rb")
@@ -117,9 +121,9 @@ def hdu_list(path: Path) -> Any:
 
 
 def planes_of(path: Path) -> tuple[tuple[Plane, str], ...]:
-    """Return the images of a file with what each is: "image", "mask" or "uncertainty"."""
+    """Return the images of a file with what each is: "image", "mask", "uncertainty" or "other"."""
     hdus = opened(hdu_list, path)
-    with decoding(path.name):
+    with decoding(path.name), quietly():
         from astropy.io import fits
 
         planes = []
@@ -144,7 +148,9 @@ def planes_of(path: Path) -> tuple[tuple[Plane, str], ...]:
             if packed:
                 fits_in(path.name, plane.frame_bytes, path.stat().st_size)
             planes.append((plane, _role(str(header.get("EXTNAME", "")))))
-        return tuple(planes)
+        if any(role == "science" for _, role in planes):  # then what has no name is none
+            planes = [(plane, "other" if role == "image" else role) for plane, role in planes]
+        return tuple((plane, "image" if role == "science" else role) for plane, role in planes)
 
 
 def _without_ones(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -160,9 +166,10 @@ def _word(key: str, *headers: Any) -> str:
 
 def _role(extname: str) -> str:
     word = extname.strip().upper()
-    if word in _MASKS:
-        return "mask"
-    return "uncertainty" if word in _UNCERTAINTIES else "image"
+    if word in _IMAGES:
+        return "science"
+    kinds = {"mask": _MASKS, "uncertainty": _UNCERTAINTIES, "other": _OTHERS}
+    return next((role for role, words in kinds.items() if word.startswith(words)), "image")
 
 
 def _date(header: Any) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +15,18 @@ from numpy.typing import NDArray
 from losbench.arrays import Bools, Floats
 from losbench.imaging.detector import Detector
 
-__all__ = ["Found", "Frames", "Source", "UnreadableFrame", "cut_short", "decoding", "fits_in"]
+__all__ = [
+    "Found",
+    "Frames",
+    "Source",
+    "UnreadableFrame",
+    "cut_short",
+    "decoding",
+    "fits_in",
+    "quietly",
+]
 
+_FILTERS = threading.RLock()
 _SMALL = 64 * 2**20  # bytes of a frame that any file may claim
 _MOST_PACKED = 1100  # Deflate packs 1032 to one, and no camera's noise comes near
 
@@ -122,8 +133,7 @@ class Found:
 def decoding(label: str) -> Iterator[None]:
     """Turn what a decoder raises into an `UnreadableFrame` that names the frame or file."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with np.errstate(all="ignore"):
             yield
     except (UnreadableFrame, ImportError):
         raise
@@ -131,6 +141,18 @@ def decoding(label: str) -> Iterator[None]:
     # tokenize.TokenError, zlib.error, cv2.error ... Only their calls stand inside `decoding`.
     except Exception as error:
         raise UnreadableFrame(f"{label} cannot be read: {_in_one_line(error)}") from error
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Leave out the warnings of readers that warn of what is an error, or a note, here.
+
+    One thread at a time: filters of warnings belong to the process, and two threads that change
+    them at once would leave them changed.
+    """
+    with _FILTERS, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 def _in_one_line(error: Exception) -> str:

@@ -34,7 +34,10 @@ TIFF = (".tif", ".tiff", ".btf", ".tf8")
 # bytes of an entry.
 _KINDS = {42: (0, "I", "H", 12), 43: (4, "Q", "Q", 20)}
 _PLAIN, _LZW = 1, 5
-_MINISWHITE, _PALETTE = 0, 3
+_MINISWHITE = 0
+_COUNTS = (_MINISWHITE, 1, 2, 32803, 34892)  # black as zero, RGB, a Bayer pattern, linear raw
+_JPEG = (6, 7)
+_REDUCED = 1  # in tag 254, a smaller copy of another page
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # faults come as errors
 
@@ -64,18 +67,22 @@ class Pages:
 
 def open_tiff(path: Path, *, skip: bool) -> Found:
     """Return the pages of a TIFF, or the frames of its only page."""
-    directories, whole = _directories(path)
+    with decoding(path.name):
+        chain = _directories(path)
+    directories = chain.places
     if not len(directories):
         raise UnreadableFrame(f"{path.name} cannot be read: not a TIFF, or cut short")
     source: Source = Pages(path, directories)
     said: tuple[str, ...] = ()
-    if not whole:
+    if not chain.whole:
         said = (f"{path.name} is cut short after page {len(directories)}",)
         if not skip:
             raise UnreadableFrame(f"{said[0]}: skip what is unreadable to use those")
         said = (f"{said[0]}: what came after is lost.",)
-    elif len(directories) == 1:
+    elif len(directories) == 1 and not chain.reduced:
         source, said = _stack_of_one_page(path, skip=skip) or (source, said)
+    if chain.reduced:
+        said += (f"{path.name} holds {chain.reduced} smaller copies of pages: they are left out.",)
     bits, notes = facts(path)
     return Found(name=path.name, source=source, bits=bits, notes=(*said, *notes))
 
@@ -87,7 +94,7 @@ def facts(path: Path) -> tuple[int | None, tuple[str, ...]]:
     """
     try:
         with decoding(path.name):
-            page = _page(path, int(_directories(path)[0][0]), 0)
+            page = _page(path, int(_directories(path).places[0]), 0)
             bits = page.bitspersample if page.bitspersample % 8 else None
             turned = f"In {path.name} zero is white: its numbers are turned."
             return bits, (turned,) if page.photometric == _MINISWHITE else ()
@@ -98,7 +105,7 @@ def facts(path: Path) -> tuple[int | None, tuple[str, ...]]:
 def single_page(path: Path, label: str) -> NDArray[Any]:
     """Return the image of a file that must have one page."""
     with decoding(label):
-        directories, _ = _directories(path)
+        directories = _directories(path).places
     if not len(directories):
         raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
     if len(directories) > 1:
@@ -109,28 +116,47 @@ def single_page(path: Path, label: str) -> NDArray[Any]:
         return _image(_page(path, int(directories[0]), 0), label)
 
 
-def _directories(path: Path) -> tuple[Ints, bool]:
-    """Follow the chain of directories: their places, and whether the last one is there whole."""
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Where the directories of pages lie, whether the last one is there whole, and how many more
+    are of smaller copies.
+    """
+
+    places: Ints
+    whole: bool
+    reduced: int = 0
+
+
+def _directories(path: Path) -> Chain:
+    """Follow the chain of directories."""
     size = path.stat().st_size
     with path.open("rb") as file:
         order = {b"II": "<", b"MM": ">"}.get(file.read(2), "")
         magic = _number(file, f"{order}H") if order else 0
         if magic not in _KINDS:
-            return np.empty(0, np.int64), True
+            return Chain(np.empty(0, np.int64), whole=True)
         skipped, offset, count, entry = _KINDS[magic]
         file.seek(4 + skipped)
-        places: dict[int, None] = {}
-        at = _number(file, order + offset)
-        while at and at not in places:
+        pages: list[int] = []
+        seen: dict[int, None] = {}
+        whole, at = True, _number(file, order + offset)
+        while at and at not in seen:
             file.seek(at) if at < size else file.seek(size)
             n = _number(file, order + count)
             end = at + struct.calcsize(count) + n * entry + struct.calcsize(offset)
             if end > size:
-                return np.array(list(places), np.int64), False
-            places[at] = None
-            file.seek(n * entry, 1)
+                whole = False
+                break
+            first = struct.unpack(f"{order}HH", file.read(4)) if n else (0, 0)
+            file.seek(struct.calcsize(offset) if n else 0, 1)
+            subfile = _number(file, f"{order}{'H' if first[1] == 3 else 'I'}") if n else 0
+            if first[0] != 254 or not subfile & _REDUCED:
+                pages.append(at)
+            seen[at] = None
+            file.seek(at + struct.calcsize(count) + n * entry)
             at = _number(file, order + offset)
-    return np.array(list(places), np.int64), True
+    places = np.array(pages or list(seen), np.int64)
+    return Chain(places, whole, len(seen) - len(places))
 
 
 def _number(file: BinaryIO, form: str) -> int:
@@ -163,8 +189,10 @@ def _image(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
     """Return the numbers of a page, (rows, cols) or (rows, cols, channels), zero as black."""
     if 262 not in page.tags:  # tifffile would take zero as white
         raise UnreadableFrame(f"{label} cannot be read: it does not say whether zero is black")
-    if page.photometric == _PALETTE:
-        raise UnreadableFrame(f"{label} must be one grey image (rows, cols), got palette colours")
+    if page.photometric not in _COUNTS and page.compression not in _JPEG:
+        raise UnreadableFrame(
+            f"{label} must be one grey image (rows, cols), got colours of kind {page.photometric:d}"
+        )
     if page.axes not in ("YX", "YXS", "SYX"):
         raise UnreadableFrame(f"{label} must be one image, got {page.axes} of shape {page.shape}")
     bits = page.bitspersample
