@@ -1,6 +1,10 @@
 """Whatever file the frames come in, the numbers are the same; what a file cannot say is not made up."""
 
+import json
 import pickle
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -64,3 +68,34 @@ def test_every_format_gives_the_same_measurement_to_the_byte(kinds, tmp_path):
         results[kind] = b"".join(array.tobytes() for array in arrays)
         assert np.isfinite(measured.attitude.angles).all()
     assert [kind for kind in KINDS if results[kind] != results["npy"]] == []
+
+
+def test_another_process_reads_what_it_is_given(kinds, tmp_path):
+    recordings = {kind: lb.read_recording(path) for kind, path in kinds.items()}
+    recordings["calibrated"] = lb.read_recording(
+        kinds["tiff"], roi=(3, 2, 40, 30), flat=np.ones((44, 66))
+    )
+    (tmp_path / "recordings").write_bytes(pickle.dumps(recordings))
+    code = (
+        "import pickle, sys, json; all = pickle.load(open(sys.argv[1], 'rb'));"
+        "print(json.dumps({k: float(r.stamps[0].load(8).sum()) for k, r in all.items()}))"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "recordings")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    truth = twelve_bits()[8]
+    expected = {kind: float(truth.sum()) for kind in kinds}
+    assert json.loads(done.stdout) == expected | {"calibrated": float(truth[2:32, 3:43].sum())}
+
+
+def test_threads_do_not_disturb_each_other(kinds):
+    """More kinds than there are handles, read in turn by several threads."""
+    truth = twelve_bits()
+    frames = [lb.open_frames(path) for path in kinds.values()]
+    jobs = [(each, k) for k in (8, 0, 5, 3) for each in frames]
+
+    def right(job):
+        each, k = job
+        return bool((each.read(k, k + 1)[0] == truth[k]).all())
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(right, jobs))

@@ -705,6 +705,48 @@ def test_a_pixel_file_without_times_is_refused_by_name(tmp_path):
         lb.read_recording(tmp_path / "b.fits")
 
 
+@pytest.mark.parametrize("kind", ["cube", "folder", "pixels"])
+def test_a_fits_file_without_a_key_is_refused_in_one_line_that_names_it(tmp_path, kind):
+    path = tmp_path / "a.fits"
+    pixel_file(path) if kind == "pixels" else fits.PrimaryHDU(
+        FRAMES[0] if kind == "folder" else FRAMES
+    ).writeto(path)
+    if kind == "folder":
+        fits.PrimaryHDU(FRAMES[1]).writeto(tmp_path / "b.fits")
+    whole = path.read_bytes()
+    said = []
+    for key in (
+        b"BITPIX",
+        b"NAXIS ",
+        b"NAXIS1",
+        b"NAXIS2",
+        b"TFIELDS",
+        b"TFORM2",
+        b"TTYPE2",
+        b"PCOUNT",
+    ):
+        at = whole.rfind(key)
+        if at < 0:
+            continue
+        path.write_bytes(whole[:at] + b"X\xfe?" + whole[at + 3 :])
+        try:
+            lb.read_recording(tmp_path if kind == "folder" else path).stamps[0].load(0)
+        except ValueError as error:
+            said.append(str(error))
+    assert len(said) >= 3
+    for line in said:  # and more than a bare key
+        assert "a.fits" in line and "\n" not in line and not line.endswith("'")
+
+
+def test_an_archive_packed_in_another_way_is_refused(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", frames=FRAMES)
+    whole = (tmp_path / "a.npz").read_bytes()
+    at = whole.index(b"PK\x01\x02") + 10
+    (tmp_path / "a.npz").write_bytes(whole[:at] + b"\x63\x00" + whole[at + 2 :])
+    with pytest.raises(lb.UnreadableFrame, match=r"^a\.npz cannot be read: [^\n]+$"):
+        lb.open_frames(tmp_path / "a.npz")
+
+
 # SER, raw, HDF5, video
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import atexit
 import bz2
 import gzip
+import itertools
 import os
 import tempfile
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
@@ -23,13 +25,32 @@ __all__ = ["file_size", "fill", "opened", "plain_file", "quiet_opencv"]
 Handle = TypeVar("Handle")
 
 _MOST_OPEN = 4
+_TICK_NS = 50_000_000
+_NUMBERS = itertools.count()
 _PACKED: dict[str, Callable[..., Any]] = {".gz": gzip.open, ".bz2": bz2.open}
 _CHUNK = 2**20
 
 
+class _Handles(OrderedDict[tuple[Any, ...], Any]):
+    """Open files of one thread, the one used last at the end; closed when the thread ends."""
+
+    def close_first(self) -> None:
+        handle = self.popitem(last=False)[1]
+        for name in ("close", "release"):
+            if hasattr(handle, name):
+                getattr(handle, name)()
+                return
+
+    def close(self) -> None:
+        while self:
+            self.close_first()
+
+    __del__ = close
+
+
 class _Kept(threading.local):
     def __init__(self) -> None:
-        self.handles: OrderedDict[tuple[Any, ...], Any] = OrderedDict()
+        self.handles = _Handles()
 
 
 _KEPT = _Kept()
@@ -42,15 +63,20 @@ def opened(opener: Callable[[Path], Handle], path: Path) -> Handle:
     file with its parent.
     """
     stat = path.stat()
-    key = (os.getpid(), opener, str(path), stat.st_mtime_ns, stat.st_size)
+    key: tuple[Any, ...] = (os.getpid(), opener, str(path), stat.st_mtime_ns, stat.st_size)
     kept = _KEPT.handles
     if key not in kept:
-        kept[key] = opener(path)
+        handle: Handle = opener(path)
+        # Two changes within one tick of the file system's clock would look the same: what was
+        # changed just now is opened again the next time.
+        if time.time_ns() - stat.st_mtime_ns < _TICK_NS:
+            key = (*key, next(_NUMBERS))
+        kept[key] = handle
         while len(kept) > _MOST_OPEN:
-            _close(kept.popitem(last=False)[1])
+            kept.close_first()
     kept.move_to_end(key)
-    handle: Handle = kept[key]
-    return handle
+    kept_handle: Handle = kept[key]
+    return kept_handle
 
 
 def plain_file(path: Path) -> BinaryIO:
@@ -102,14 +128,6 @@ class quiet_opencv:
         self._log.setLogLevel(self._level)
 
 
-def _close(handle: Any) -> None:
-    for name in ("close", "release"):
-        if hasattr(handle, name):
-            getattr(handle, name)()
-            return
-
-
 @atexit.register
 def _close_all() -> None:
-    while _KEPT.handles:
-        _close(_KEPT.handles.popitem()[1])
+    _KEPT.handles.close()

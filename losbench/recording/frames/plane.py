@@ -113,11 +113,14 @@ def hdu_list(path: Path) -> Any:
         raise ImportError("FITS files need astropy: pip install 'losbench[fits]'") from None
     with decoding(path.name), quietly():
         packed = path.suffix.lower() in (".gz", ".bz2")
-        source = os.dup(opened(plain_file, path).fileno()) if packed else None
-        file = path if source is None else os.fdopen(source, "rb")
-        if source is not None:
-            file.seek(0)  # type: ignore[union-attr]
-        return fits.open(file, memmap=False, do_not_scale_image_data=True)
+        unpacked = opened(plain_file, path).fileno() if packed else None
+        file = path.open("rb") if unpacked is None else os.fdopen(os.dup(unpacked), "rb")
+        try:
+            file.seek(0)
+            return fits.open(file, memmap=False, do_not_scale_image_data=True)
+        except BaseException:  # astropy would leave it open
+            file.close()
+            raise
 
 
 def planes_of(path: Path) -> tuple[tuple[Plane, str], ...]:

@@ -158,7 +158,7 @@ def quietly() -> Iterator[None]:
 def _in_one_line(error: Exception) -> str:
     said = str(error.args[0]) if error.args and isinstance(error.args[0], str) else str(error)
     said = " ".join(said.split())[:200]
-    if isinstance(error, KeyError):
+    if isinstance(error, KeyError) and " " not in said:
         return f"{said} is missing"
     return said or type(error).__name__
 
