@@ -92,7 +92,10 @@ def test_the_table_names_file_and_page_of_every_frame(tmp_path):
         ),
         (write.tiff16(tmp_path / "a.tif", frames), [f"page {k} of a.tif" for k in range(3)]),
     ):
-        assert lb.measure(lb.read_recording(path), window=9).table["source"].tolist() == expected
+        assert (
+            lb.measure(lb.read_recording(path), spots=[[15, 10]]).table["source"].tolist()
+            == expected
+        )
 
 
 # Times in names
@@ -223,11 +226,10 @@ def test_positions_of_a_region_are_those_of_the_detector():
     light = lb.render_spots([[40.3, 25.6], [52.2, 35.1]], 5e4, 1.5, (60, 80)) + 100
     frames = np.random.default_rng(1).poisson(np.repeat(light[None], 3, axis=0)).astype(np.uint16)
     camera = lb.Camera(focal_mm=260.0, pixel_um=5.5, shape=(60, 80))
-    whole = lb.measure(lb.read_recording(frames), window=9, spots=[[40, 26], [52, 35]])
+    whole = lb.measure(lb.read_recording(frames), spots=[[40, 26], [52, 35]])
     part = lb.measure(
         lb.read_recording(frames, roi=(20, 10, 44, 37)),
         camera,
-        window=9,
         spots=[[40, 26], [52, 35]],
     )
     np.testing.assert_allclose(part.xy_px, whole.xy_px, atol=1e-9)

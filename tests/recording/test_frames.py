@@ -62,8 +62,8 @@ def test_every_format_gives_the_same_measurement_to_the_byte(kinds, tmp_path):
     camera = lb.Camera(focal_mm=260.0, pixel_um=5.5, shape=(44, 66))
     results = {}
     for kind in KINDS:
-        recording = lb.read_recording(kinds[kind], times=times)
-        measured = lb.measure(recording, camera, detector=DETECTOR, n_spots=2)
+        recording = lb.read_recording(kinds[kind], times=times, detector=DETECTOR)
+        measured = lb.measure(recording, camera, spots=SPOTS)
         arrays = measured.xy_px, measured.sigma_xy_px, measured.flags, measured.attitude.angles
         results[kind] = b"".join(array.tobytes() for array in arrays)
         assert np.isfinite(measured.attitude.angles).all()

@@ -375,7 +375,7 @@ def test_saturation_is_found_on_the_numbers_of_the_file(tmp_path, dtype, full):
     recording = lb.read_recording(tmp_path / "a.npy")
     assert 2 <= (frames[0] == full).sum() <= 6
     assert recording.full_scale_dn == full / step
-    flags = lb.measure(recording, n_spots=1, window=13).flags
+    flags = lb.measure(recording, spots=[[31, 30]]).flags
     assert (flags & SpotFlag.SATURATED > 0).all()
 
 
@@ -673,7 +673,7 @@ def test_cadences_that_quality_marks_are_left_out(tmp_path):
     quality = np.zeros(40, np.int32)
     quality[10:14] = 4 | 32
     recording = lb.read_recording(pixel_file(tmp_path / "a.fits", quality=quality))
-    measured = lb.measure(recording, n_spots=1)
+    measured = lb.measure(recording)
     assert np.flatnonzero(np.isnan(measured.xy_px[:, 0, 0])).tolist() == [10, 11, 12, 13]
     assert (measured.flags[10:14, 0] & SpotFlag.MISSING > 0).all()
     assert (
