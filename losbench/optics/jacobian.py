@@ -65,9 +65,7 @@ def los_angles(camera: ThreeMirror) -> Floats:
     """
     pinhole = camera.pinhole
     rows = design_matrix(pinhole.points_mm(camera.observe()[0]))
-    bias = np.radians(camera.bias_deg)
-    turn = np.array([[1, 0, 0], [0, np.cos(bias), -np.sin(bias)], [0, np.sin(bias), np.cos(bias)]])
-    return turn @ np.linalg.pinv(rows) * pinhole.pixel_mm
+    return camera.field_turn @ np.linalg.pinv(rows) * pinhole.pixel_mm
 
 
 def jacobian_table(camera: ThreeMirror) -> pd.DataFrame:

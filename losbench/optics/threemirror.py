@@ -137,20 +137,20 @@ class ThreeMirror:
         """The two laser beams, (2, rays, 3), as the camera at rest takes them in."""
         return self.launch(self.spot_tangents)
 
+    @cached_property
+    def field_turn(self) -> Floats:
+        """Matrix (3, 3) that takes vectors about the common axis to those about the field's middle,
+        the frame of the line of sight.
+        """
+        c, s = np.cos(np.radians(self.bias_deg)), np.sin(np.radians(self.bias_deg))
+        return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
     def directions(self, tangents: ArrayLike) -> Floats:
         """Unit vectors (..., 3) towards objects at tangents (x, y), (..., 2), from the middle of
         the field.
         """
         t = np.asarray(tangents, dtype=np.float64)
-        bias = np.radians(self.bias_deg)
-        ray = np.stack(
-            [
-                t[..., 0],
-                np.cos(bias) * t[..., 1] + np.sin(bias),
-                np.cos(bias) - np.sin(bias) * t[..., 1],
-            ],
-            axis=-1,
-        )
+        ray = np.concatenate([t, np.ones_like(t[..., :1])], axis=-1) @ self.field_turn
         return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
 
     def launch(self, tangents: ArrayLike, *, rings: int = _RINGS) -> Rays:

@@ -91,10 +91,14 @@ class Elasticity:
     @cached_property
     def load(self) -> csc_array:
         """L, forces (3 nodes) per kelvin of each vertex, N/K."""
+        return self.load_of(self.structure.per_cell("expansion_per_K"))
+
+    def load_of(self, expansion_per_K: Floats) -> csc_array:
+        """L of other expansions (cells,); it is linear in them."""
         from skfem import ElementHex1
 
         lam, mu = self._lame
-        push = (3.0 * lam + 2.0 * mu) * self.structure.per_cell("expansion_per_K")
+        push = (3.0 * lam + 2.0 * mu) * expansion_per_K
         heat = self.basis.with_element(ElementHex1())
         shapes = np.stack([np.broadcast_to(b[0], self.basis.dx.shape) for b in heat.basis])
         weight = self.basis.dx * push[:, None]
@@ -145,12 +149,16 @@ class Elasticity:
             rows[8 * i : 8 * i + len(columns), unknowns] = np.linalg.pinv(design)
         return rows
 
-    def motion_map(self, pivot_mm: Floats) -> Floats:
-        """Motions (32, vertices) of the optics per kelvin of each vertex, by 32 adjoint solves."""
+    def motion_map(self, pivot_mm: Floats, expansion_per_K: Floats | None = None) -> Floats:
+        """Motions (32, vertices) of the optics per kelvin of each vertex, by 32 adjoint solves.
+
+        The map is linear in ``expansion_per_K`` (cells,), those of the materials unless given.
+        """
         rows = self.motion_rows(pivot_mm)
         adjoint = np.zeros_like(rows)
         adjoint[:, self._free] = self._factor.solve(rows[:, self._free].T.copy()).T
-        return adjoint @ self.load
+        load = self.load if expansion_per_K is None else self.load_of(expansion_per_K)
+        return adjoint @ load
 
     @cached_property
     def _gradients(self) -> Floats:

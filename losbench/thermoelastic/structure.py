@@ -200,6 +200,13 @@ class Structure:
         return self._label(_middles(self.mesh))
 
     @cached_property
+    def vertex_volume_mm3(self) -> Floats:
+        """Return the material about each vertex, an eighth of each of its cells, (vertices,)."""
+        mesh = self.mesh
+        share = np.prod(np.ptp(mesh.p[:, mesh.t], axis=1), axis=0) / 8.0
+        return np.bincount(mesh.t.ravel(), np.tile(share, 8), mesh.nvertices).astype(float)
+
+    @cached_property
     def outside(self) -> Indices:
         """Facets (boundary,) that have no cell on their other side."""
         return self.mesh.boundary_facets()

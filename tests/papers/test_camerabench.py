@@ -7,7 +7,18 @@ import pytest
 
 import losbench as lb
 from losbench.cli import main
-from losbench.papers.liu2026 import CameraBench, bench_of, expose_windows, warm_up
+from losbench.papers.liu2026 import (
+    CameraBench,
+    UncertainCamera,
+    bench_of,
+    budget,
+    expose_windows,
+    left_over,
+    one_lag,
+    own_parameters,
+    sensor_places,
+    warm_up,
+)
 from losbench.papers.liu2026.export import write_recording
 from losbench.resources import data_file
 from losbench.thermoelastic.model import example_camera, read_camera_model
@@ -98,3 +109,55 @@ def test_models_that_do_not_fit_the_warm_up_are_refused(tmp_path, capsys):
 def test_frames_are_written_for_any_bench(tmp_path, bench):
     folder = write_recording(tmp_path / "run", n_frames=2, bench=bench)
     assert lb.Camera.from_toml(folder / "camera.toml") == example_camera().optics.pinhole
+
+
+@pytest.fixture(scope="module")
+def uncertain(bench):
+    return UncertainCamera(bench.chain)
+
+
+@pytest.mark.slow
+def test_one_temperature_with_one_lag_misses_the_truth(bench):
+    fits = one_lag(bench, seeds=4)
+    assert ((fits["k"] - fits["truth"]).abs() > 5 * 0.03).all()  # its scatter over seeds is 0.03
+    assert fits["k"].mean() == pytest.approx(-0.58, abs=0.05)
+    assert fits["holds"].sum() >= 3  # the interval is that of all lags
+    assert fits["truth"][0] == pytest.approx(-0.32, abs=0.01)
+    left = left_over(bench)
+    assert left["four exact thermometers"] < 0.01 < left["room, one lag"]
+
+
+@pytest.mark.slow
+def test_the_models_own_parameters_find_it(bench, uncertain):
+    fits = own_parameters(uncertain, bench, seeds=4)
+    assert (fits["k"] - fits["truth"]).abs().max() < 0.012  # three sigma of 0.004
+    assert fits["holds"].sum() >= 2
+
+
+def test_nominal_parameters_are_the_camera(bench, uncertain):
+    time = np.array([0.0, 600.0, 5400.0, 9000.0])
+    room = bench.room_degC(time)
+    run = bench.chain.simulate(time, {"room_degC": room})
+    found = uncertain.shifts_px(np.zeros(8), time, room)
+    np.testing.assert_allclose(found, (run.px - run.px[0]).reshape(-1, 4), atol=1e-4)
+    assert uncertain.k_arcsec_per_degC(np.zeros(8)) == pytest.approx(
+        bench.steady_arcsec_per_degC[0]
+    )
+
+
+@pytest.mark.slow
+def test_the_budget_closes_on_all_three_axes(bench, uncertain):
+    draws = 200
+    table = budget(uncertain, bench, draws=draws)
+    sampling = 3 / np.sqrt(2 * draws)
+    np.testing.assert_allclose(table.loc["ratio"], 1.0, atol=0.05 + sampling)
+    # Values of an independent prototype.
+    np.testing.assert_allclose(table.loc["heat"], [0.223, 0.170, 0.052], atol=0.02)
+    np.testing.assert_allclose(table.loc["centroids"], [0.112, 0.113, 10.76], rtol=0.02)
+
+
+@pytest.mark.slow
+def test_greedy_thermometers_beat_luck(uncertain):
+    table = sensor_places(uncertain, sensors=3, runs=8)
+    assert (table.loc["greedy"] < table.loc["random"]).all()
+    assert table.loc["greedy", "alpha"] < 0.5 * table.loc["none", "alpha"]

@@ -184,6 +184,12 @@ def test_outside_facets_have_the_area_of_the_walls():
         body.facets(side="up")
 
 
+def test_the_volume_about_vertices_is_that_of_the_body():
+    volume = brick(10, 20, 100).vertex_volume_mm3
+    assert volume.sum() == pytest.approx(20000)
+    assert volume.min() == pytest.approx(20000 / 2 / 8)
+
+
 def test_cells_are_no_longer_than_asked():
     assert max(np.diff(brick(10, 20, 100, cell_mm=7).grid_mm[2])) <= 7 + 1e-9
     assert 33.3 in brick(10, 20, 100, planes_mm={"z": [33.3]}).grid_mm[2]

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from losbench.optics.design import design_three_mirror
 from losbench.resources import data_file
@@ -97,15 +98,8 @@ def test_angles_are_those_that_spots_in_the_pinhole_give(camera, run):
     fit = solve_attitude(
         pinhole.points_mm(rest), (run.px - rest) * pinhole.pixel_mm, method="ls"
     ).angles
-    bias = np.radians(camera.optics.bias_deg)
-    turned = np.stack(
-        [
-            fit[:, 0],
-            np.cos(bias) * fit[:, 1] - np.sin(bias) * fit[:, 2],
-            np.sin(bias) * fit[:, 1] + np.cos(bias) * fit[:, 2],
-        ],
-        axis=-1,
-    )
+    bias = Rotation.from_euler("x", camera.optics.bias_deg, degrees=True)
+    turned = bias.apply(fit)
     np.testing.assert_allclose(run.angles_rad, turned, atol=1e-12)
 
 

@@ -23,6 +23,13 @@ from .results.layout import LayoutFit as LayoutFit
 from .results.layout import LayoutModel as LayoutModel
 from .results.layout import fit_table_2 as fit_table_2
 from .results.layout import table_2_statistics as table_2_statistics
+from .results.thermoelastic import UncertainCamera as UncertainCamera
+from .results.thermoelastic import budget as budget
+from .results.thermoelastic import left_over as left_over
+from .results.thermoelastic import material_drifts as material_drifts
+from .results.thermoelastic import one_lag as one_lag
+from .results.thermoelastic import own_parameters as own_parameters
+from .results.thermoelastic import sensor_places as sensor_places
 from .results.twospots import Bound as Bound
 from .results.twospots import alpha_bound as alpha_bound
 from .results.twospots import two_spot_angles as two_spot_angles

@@ -13,6 +13,7 @@ from losbench.papers.liu2026.scenario import ThermalBench
 from losbench.papers.provenance import assumed
 from losbench.thermoelastic.camera import ThermoelasticCamera
 from losbench.thermoelastic.model import example_camera
+from losbench.units import rad_to_arcsec
 
 __all__ = ["CameraBench", "bench_of"]
 
@@ -22,7 +23,8 @@ class CameraBench(ThermalBench):
     """Section 3.1's warm-up in front of a camera of mirrors and metal.
 
     The optics say where the spots are, and the pinhole that describes them turns shifts into
-    angles; :attr:`model` says how they move. Angles are about the axes of that pinhole.
+    angles; :attr:`model` says how they move. Angles are about the axes of that pinhole, which
+    :attr:`field_turn` turns to the line of sight.
     """
 
     materials: str = assumed(
@@ -46,6 +48,16 @@ class CameraBench(ThermalBench):
     def spots_px(self) -> Floats:
         """Return where the spots are at rest, (2, 2)."""
         return self.chain.optics.observe()[0]
+
+    @property
+    def steady_arcsec_per_degC(self) -> Floats:
+        """Return the true angles (3,) once the whole camera is a degree warmer."""
+        return rad_to_arcsec(self.chain.steady_rad_per_degC)
+
+    @property
+    def field_turn(self) -> Floats:
+        """Return the matrix (3, 3) from axes of :attr:`camera` to those of the line of sight."""
+        return self.chain.optics.field_turn
 
     def follow(self, time_s: Floats, room_degC: Floats) -> tuple[Floats, Floats, Floats]:
         """Return temperatures at the sensors (F, sensors), angles (F, 3) and spots (F, 2, 2)."""

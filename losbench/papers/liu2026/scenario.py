@@ -169,6 +169,16 @@ class ThermalBench(Bench):
             room_W_per_K=dict(zip(self.NODES, self.room_W_per_K, strict=True)),
         )
 
+    @property
+    def steady_arcsec_per_degC(self) -> Floats:
+        """Return the true angles (3,) once the whole camera is a degree warmer."""
+        return np.array(self.sensitivity_arcsec_per_degC).sum(axis=1)
+
+    @property
+    def field_turn(self) -> Floats:
+        """Return the matrix (3, 3) from axes of :attr:`camera` to those of the line of sight."""
+        return np.eye(3)
+
     def follow(self, time_s: Floats, room_degC: Floats) -> tuple[Floats, Floats, Floats]:
         """Return temperatures (F, nodes), angles (F, 3) and spots (F, 2, 2) under a room that runs
         straight between its samples.

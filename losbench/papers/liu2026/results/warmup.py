@@ -70,16 +70,15 @@ def sensitivities(
     """Arcseconds per degree about each axis by LS and IRLS, with a first-order lag, some angles
     spoiled on the way.
 
-    The truth beside them is the tilt of the whole camera one degree warmer: the row sums of the
-    sensitivity matrix. Spoiled frames are off by ``bad_arcsec`` to one side, as if a reflection had
+    Angles are about the line of sight. The truth beside them is the tilt of the whole camera one
+    degree warmer. Spoiled frames are off by ``bad_arcsec`` to one side, as if a reflection had
     caught the centroid.
     """
     import pandas as pd
 
     bad = np.random.default_rng(seed).random(len(drift.angles_rad)) < bad_share
-    angles = drift.angles_rad + bad[:, None] * arcsec_to_rad(bad_arcsec)
-    truth = np.array(setting.sensitivity_arcsec_per_degC).sum(axis=1)
-    columns = {"truth": truth}
+    angles = drift.angles_rad @ setting.field_turn.T + bad[:, None] * arcsec_to_rad(bad_arcsec)
+    columns = {"truth": setting.steady_arcsec_per_degC}
     methods: tuple[Literal["ls", "irls"], ...] = ("ls", "irls")
     for method in methods:
         fit = fit_sensitivity(
