@@ -27,10 +27,9 @@ help:  ## show this list
 reproduce: $(READY)  ## run the notebooks: figures, tables, pages and verdicts into build/
 	@$(RUN)/losbench reproduce
 
-test: $(READY)  ## check style, types and spelling, then run the tests
+test: $(READY)  ## check style and types, then run the tests
 	$(RUN)/ruff check
 	$(RUN)/ruff format --check
-	$(RUN)/codespell
 	$(RUN)/mypy
 	$(RUN)/python -m pytest -n 2
 

@@ -1,0 +1,201 @@
+"""Numbers that the docstrings of pointing promise, from either side."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import losbench as lb
+from losbench.pointing.starcamera import (
+    QuaternionConvention,
+    check_design,
+    drift_from_spots,
+    interpolate_attitude,
+    interpolate_drift,
+    time_tag_offset,
+)
+from losbench.units import arcsec_to_rad
+
+LAST = QuaternionConvention(scalar="last", direction="camera_to_inertial")
+STEP_S = 5.0
+
+
+def heads_apart(angles_deg):
+    """Attitudes of two heads whose boresights stand apart by these angles."""
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (len(angles_deg), 1))
+    return still, Rotation.from_euler("x", np.reshape(angles_deg, (-1, 1)), degrees=True).as_quat()
+
+
+@pytest.mark.parametrize("off_deg", [0.49, -0.49])
+def test_the_design_angle_holds_to_half_a_degree(off_deg):
+    check_design(*heads_apart([70.0 + off_deg] * 5), convention=LAST, angle_deg=70.0)
+    with pytest.raises(ValueError, match="must stand 70 deg apart to 0.5 deg"):
+        check_design(*heads_apart([70.0 + 1.04 * off_deg] * 5), convention=LAST, angle_deg=70.0)
+
+
+def test_the_scatter_of_the_design_angle_is_the_half_width_of_its_middle_half():
+    """Uniform angles: half of what reaches to +-1 lies within +-1/2."""
+    uniform = np.linspace(-1.0, 1.0, 401) / 3600.0
+    check_design(*heads_apart(70.0 + 198.0 * uniform), convention=LAST, angle_deg=70.0)
+    with pytest.raises(ValueError, match="with a scatter of 101 arcsec"):
+        check_design(*heads_apart(70.0 + 202.0 * uniform), convention=LAST, angle_deg=70.0)
+
+
+def test_gaps_are_bridged_up_to_ten_seconds_for_drifts_and_one_for_attitudes():
+    for gap_s, bridged in ((9.9, True), (10.1, False)):
+        found = interpolate_drift([0.0, gap_s], np.zeros((2, 3)), [gap_s / 2])
+        assert np.isfinite(found).all() == bridged
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    for gap_s, bridged in ((0.99, True), (1.01, False)):
+        found = interpolate_attitude([0.0, gap_s], still, [gap_s / 2], convention=LAST)
+        assert np.isfinite(found).all() == bridged
+
+
+def wobbling(time_s, late_s=0.0):
+    """Attitudes about x at a rate that swings by 1 mrad/s in 20 s."""
+    when = time_s + late_s
+    turn = 1e-3 * 20.0 / (2 * np.pi) * np.sin(2 * np.pi * when / 20.0)
+    return Rotation.from_rotvec(turn[:, None] * np.array([1.0, 0.0, 0.0]))
+
+
+def test_ten_rows_tell_a_time_offset_and_nine_do_not():
+    time_s = np.arange(10) * 2.0
+    noise = 1e-9 * np.random.default_rng(1).standard_normal((10, 3))
+    first = wobbling(time_s).as_quat()
+    second = (wobbling(time_s, 0.01) * Rotation.from_rotvec(noise)).as_quat()
+    assert np.isfinite(time_tag_offset(time_s, first, second, convention=LAST).seconds)
+    with pytest.raises(ValueError, match="at least ten rows must hold both attitudes, got 9"):
+        time_tag_offset(time_s[:9], first[:9], second[:9], convention=LAST)
+
+
+def test_the_sigma_of_a_time_offset_is_its_scatter():
+    time_s, rng = np.arange(0.0, 100.0, 0.25), np.random.default_rng(2)
+    found = []
+    for _ in range(200):
+        noise = Rotation.from_rotvec(1e-6 * rng.standard_normal((time_s.size, 3)))
+        second = wobbling(time_s) * noise
+        found.append(
+            time_tag_offset(time_s, wobbling(time_s).as_quat(), second.as_quat(), convention=LAST)
+        )
+    seconds = np.array([each.seconds for each in found])
+    assert np.mean([each.sigma_s for each in found]) == pytest.approx(seconds.std(), rel=0.2)
+
+
+def test_shifts_without_their_focal_change_are_solved_with_it_from_four_rows():
+    points = np.array([[30.0, 30.0, 600.0], [-30.0, -30.0, 600.0], [30.0, -30.0, 600.0]])
+    turned = (-lb.design_matrix(points) @ arcsec_to_rad([1.0, -2.0, 3.0])).reshape(3, 2)
+    full = drift_from_spots(points, turned + 2e-5 * points[:, :2], focal=True)
+    np.testing.assert_allclose(full.delta_arcsec, [1.0, -2.0, 3.0], atol=1e-9)
+    assert full.focal == pytest.approx(2e-5, rel=1e-9)
+    sigma = np.array([[1.0], [2.0], [4.0]]) * 1e-4
+    rng = np.random.default_rng(3)
+    many = turned + sigma * rng.standard_normal((20_000, 3, 2))
+    fit = drift_from_spots(points, many, focal=True, sigma=sigma)
+    found = np.column_stack([fit.delta, fit.focal])
+    np.testing.assert_allclose(np.cov(found.T), fit.cov[0], atol=0.03 * np.abs(fit.cov[0]).max())
+
+
+# Sensitivities
+
+TIME_S = 1e4 + STEP_S * np.arange(40.0)
+WARMING = 18.0 + np.arange(40.0) / 8.0
+
+
+def test_a_fitted_lag_lies_between_a_tenth_of_a_step_and_the_whole_record():
+    noise = 1e-6 * np.random.default_rng(1).standard_normal((40, 60))
+    for origin_s in (0.0, 1e4):
+        time_s = TIME_S - 1e4 + origin_s
+        lag_s = lb.fit_sensitivity(WARMING, noise, time_s=time_s, lag_s="fit").lag_s
+        span_s = 39 * STEP_S
+        assert lag_s.min() == pytest.approx(0.1 * STEP_S, rel=1e-3)
+        assert lag_s.max() == pytest.approx(span_s, rel=1e-3)
+
+
+def test_a_confidence_is_at_most_one():
+    assert np.isfinite(lb.fit_sensitivity(WARMING, 1e-6 * WARMING, confidence=0.999).k)
+    with pytest.raises(ValueError, match="confidence must be a finite number from 0 to 1, got 1.2"):
+        lb.fit_sensitivity(WARMING, 1e-6 * WARMING, confidence=1.2)
+
+
+def test_a_lag_shorter_than_a_second_needs_times_to_predict_with():
+    fit = lb.fit_sensitivity(WARMING, 1e-6 * WARMING, time_s=TIME_S, lag_s=0.5)
+    with pytest.raises(ValueError, match="time_s must be given with a lag"):
+        fit.predict(WARMING)
+    straight = lb.fit_sensitivity(WARMING, 1e-6 * WARMING)
+    np.testing.assert_allclose(straight.predict(WARMING), 1e-6 * WARMING, rtol=1e-9)
+
+
+def leftover(n, waves):
+    """A smooth leftover that vanishes at both ends."""
+    x = np.linspace(0.0, 1.0, n)
+    return np.sin(np.pi * x) ** 2 * np.sin(2 * np.pi * waves * x)
+
+
+@pytest.mark.parametrize(("n", "waves", "limited"), [(30, 2, False), (400, 2, True)])
+def test_the_correlation_of_neighbours_is_limited_by_the_number_of_samples(n, waves, limited):
+    temperature = np.linspace(18.0, 25.0, n)
+    fit = lb.fit_sensitivity(temperature, 1e-6 * leftover(n, waves), method="ls")
+    r = fit.residuals
+    plain = (r[1:] @ r[:-1]) / (r @ r)
+    assert (plain > 1.0 - 2.0 / n) == limited
+    assert fit.correlation == pytest.approx(min(plain, 1.0 - 2.0 / n), rel=1e-9)
+
+
+def test_an_interval_is_widened_by_the_correlation_of_neighbours():
+    """Bayley and Hammersley (1946): by sqrt((1 + r) / (1 - r)); never narrowed."""
+    n = 200
+    temperature = np.linspace(18.0, 25.0, n)
+    for angle, widened in ((leftover(n, 9), True), ((-1.0) ** np.arange(n), False)):
+        fit = lb.fit_sensitivity(temperature, 1e-6 * angle, method="ls")
+        A = np.column_stack([np.ones(n), temperature - temperature.mean()])
+        plain = lb.lstsq(A, 1e-6 * angle)
+        from scipy.stats import t
+
+        half = t.ppf(0.975, n - 2) * plain.std_error[1]
+        r = float(fit.correlation)
+        assert (r > 0.5) == widened and (widened or r == 0.0)
+        assert np.diff(fit.k_interval)[0] / 2 == pytest.approx(
+            half * np.sqrt((1 + r) / (1 - r)), rel=1e-9
+        )
+
+
+def test_as_many_samples_as_unknowns_are_one_too_few():
+    angle = 1e-6 * WARMING
+    for options, unknowns in (({}, 2), ({"quadratic": True}, 3)):
+        assert lb.fit_sensitivity(WARMING[: unknowns + 1], angle[: unknowns + 1], **options).k > 0
+        with pytest.raises(ValueError, match=f"angles must hold more than {unknowns} samples"):
+            lb.fit_sensitivity(WARMING[:unknowns], angle[:unknowns], **options)
+    with pytest.raises(ValueError, match="angles must hold more than 3 samples"):
+        lb.fit_sensitivity(WARMING[:3], angle[:3], time_s=TIME_S[:3], lag_s="fit")
+
+
+# Attitudes
+
+
+SQUARE = np.array([[5.0, 5.0, 260.0], [-5.0, 5.0, 260.0], [-5.0, -5.0, 260.0], [5.0, -5.0, 260.0]])
+
+
+def test_errors_that_are_the_same_in_every_frame_are_needed_for_every_spot():
+    shifts = np.zeros((3, 4, 2))
+    shifts[:, 3] = np.nan
+    sigma = np.full((4, 2), 1e-4)
+    assert lb.solve_attitude(SQUARE, shifts, sigma=sigma).ok.all()
+    sigma[3] = np.nan
+    with pytest.raises(ValueError, match="sigma must be positive wherever a shift is given"):
+        lb.solve_attitude(SQUARE, shifts, sigma=sigma)
+    each = np.broadcast_to(sigma, shifts.shape)
+    assert lb.solve_attitude(SQUARE, shifts, sigma=each).ok.all()
+
+
+@pytest.mark.parametrize("spots", [2, 3])
+def test_two_spots_share_no_blame_and_three_do(spots):
+    """With two spots per solve both weights are equal; from three on the bad one can be told."""
+    shifts = 1e-5 * np.random.default_rng(4).standard_normal((1, spots, 2))
+    shifts[0, 0] += 0.05
+    options = {"scale": 1e-5, "loss": lb.Huber()}
+    if spots == 2:
+        with pytest.warns(UserWarning, match="with two spots per solve no outlier"):
+            fit = lb.solve_attitude(SQUARE[:2], shifts, **options)
+        assert fit.weights[0, 0, 0] == pytest.approx(fit.weights[0, 1, 0])
+    else:
+        fit = lb.solve_attitude(SQUARE[:3], shifts, **options)
+        assert fit.weights[0, 0, 0] < 0.9 * fit.weights[0, 1:].min()
