@@ -75,10 +75,14 @@ class Mutant:
 
 
 def spared(node: ast.AST) -> bool:
-    """Whether it is a message, the look of a picture, or a size that numpy works out itself."""
-    if isinstance(node, ast.Call):
-        looks = any(keyword.arg in LOOKS for keyword in node.keywords)
-        return looks or getattr(node.func, "attr", "") == "reshape"
+    """Whether it is a message, the look of a picture, or a choice of axes."""
+    match node:
+        case ast.Call(func=ast.Attribute(attr="reshape")):
+            return True
+        case ast.Call(keywords=keywords):
+            return any(keyword.arg in LOOKS for keyword in keywords)
+        case ast.keyword(arg="axis") | ast.Subscript(value=ast.Attribute(attr="shape")):
+            return True  # an axis counted from the end is another way to say the same
     return isinstance(node, ast.Raise | ast.JoinedStr | ast.Assert)
 
 

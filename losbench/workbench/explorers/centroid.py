@@ -9,12 +9,9 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+import losbench as lb
 from losbench.arrays import Floats
 from losbench.figures import COLOURS
-from losbench.imaging.centroid import centroid, window_path
-from losbench.imaging.detector import Detector
-from losbench.imaging.results import SpotFlag
-from losbench.imaging.spots import render_spots
 from losbench.imaging.stamps import peak_pixels
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import (
@@ -31,7 +28,7 @@ __all__ = ["CentroidExplorer"]
 
 
 _SIZE = 61
-_TRUTH = np.array([30.31, 29.83])
+_TRUTH = (30.31, 29.83)
 _HOT = (34, 27)
 _FRAMES = 30
 _PHASES = np.linspace(-0.5, 0.5, 17)
@@ -44,6 +41,59 @@ _METHODS: dict[str, dict[str, Any]] = {
     "weighted, Gaussian template": {"method": "weighted"},
 }
 _GAIN_E, _OFFSET_DN = 4.0, 100.0
+
+
+def detector_with_a_hot_pixel(read_noise_e: float, hot_e: float) -> lb.Detector:
+    """Return the detector; its hot pixel lies beside the spot."""
+    hot = ((*_HOT, float(hot_e)),) if hot_e else ()
+    return lb.Detector(
+        gain_e_per_dn=_GAIN_E, offset_dn=_OFFSET_DN, read_noise_e=read_noise_e, hot_pixels=hot
+    )
+
+
+def light_with_a_spot_at(
+    xy: np.ndarray,
+    *,
+    flux_e: float,
+    diameter_px: float,
+    background_e: float,
+    gradient_e: float,
+) -> np.ndarray:
+    """Electrons to expect of frames with the spot at the places (..., 2)."""
+    ramp = background_e + gradient_e * np.arange(_SIZE)
+    return lb.render_spots(xy[..., None, :], flux_e, diameter_px / 4, (_SIZE, _SIZE)) + ramp
+
+
+def centroids_of_many_frames(
+    *,
+    flux_e: float,
+    read_noise_e: float,
+    background_e: float,
+    gradient_e: float,
+    diameter_px: float,
+    window_px: int,
+    offset_px: float,
+    hot_e: int,
+    method: str,
+    background: str,
+    seed: int,
+) -> dict[str, Any]:
+    """Expose the spot many times and measure it; and once without noise, at places over a pixel."""
+    scene = {"flux_e": flux_e, "diameter_px": diameter_px}
+    scene |= {"background_e": background_e, "gradient_e": gradient_e}
+    how: dict[str, Any] = {**_METHODS[method], "window": window_px, "background": background}
+    truth, off = np.array(_TRUTH), offset_px * np.array([0.8, -0.6])
+    detector = detector_with_a_hot_pixel(read_noise_e, hot_e)
+    light = light_with_a_spot_at(truth, **scene)
+    frames = detector.expose(np.broadcast_to(light, (_FRAMES, _SIZE, _SIZE)), seed)
+    places = truth.round() + np.stack([np.linspace(-0.5, 0.5, 17), np.zeros(17)], axis=-1)
+    quiet = light_with_a_spot_at(places, **scene) / _GAIN_E + _OFFSET_DN
+    return {
+        "frames": frames,
+        "start": truth + off,
+        "found": lb.centroid(frames, (truth + off)[None], detector=detector, **how),
+        "s_curve": lb.centroid(quiet, (places + off)[:, None], **how).xy[:, 0, 0] - places[:, 0],
+    }
 
 
 class CentroidExplorer(Explorer):
@@ -64,6 +114,8 @@ class CentroidExplorer(Explorer):
         ),
         "seed": Field("seed", 0, whole_number),
     }
+    experiment = staticmethod(centroids_of_many_frames)
+    answer = f'seen["found"].xy[0, 0] - {_TRUTH}, seen["found"].sigma_xy[0, 0]'
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "as in the paper": {
             "method": "EIWA, stops on a small step",
@@ -129,36 +181,19 @@ class CentroidExplorer(Explorer):
             self._ellipse,
         ]
 
-    def update(
-        self,
-        *,
-        offset_px: float,
-        window_px: int,
-        method: str,
-        background: str,
-        seed: int,
-        **scene: Any,
-    ) -> Mapping[str, str]:
-        """Expose the spot many times, measure it each time, and once without noise in places across
-        a pixel.
-        """
-        detector, light = _scene(**scene)
-        how: dict[str, Any] = {**_METHODS[method], "window": window_px, "background": background}
-        start = _TRUTH + offset_px * np.array([0.8, -0.6])
-        frames = detector.expose(np.broadcast_to(light(_TRUTH), (_FRAMES, _SIZE, _SIZE)), seed)
-        found = centroid(frames, start[None], noise=detector, **how)
+    def update(self, **settings: Any) -> Mapping[str, str]:
+        """Measure the spot, and show what came of it."""
+        seen = self.experiment(**settings)
+        frames, found, s_curve = seen["frames"], seen["found"], seen["s_curve"]
+        window_px = settings["window_px"]
+        chosen = {name: settings[name] for name in ("method", "window_px", "background")}
         errors, sigma = found.xy[:, 0] - _TRUTH, found.sigma_xy[:, 0]
-        path = _path(frames[0], start, found.xy[0, 0], method, window_px, background)
-        places = _TRUTH.round() + np.stack([_PHASES, 0.0 * _PHASES], axis=-1)
-        quiet = light(places) / _GAIN_E + _OFFSET_DN
-        s_curve = (
-            centroid(quiet, (places + start - _TRUTH)[:, None], **how).xy[:, 0, 0] - places[:, 0]
-        )
+        path = _path(frames[0], seen["start"], found.xy[0, 0], **chosen)
         self._show_spot(frames[0], path, window_px)
         self._show_numbers(path, errors, sigma, s_curve)
         with np.errstate(invalid="ignore"):
             rms, predicted = (np.sqrt(np.mean(values**2, axis=0)) for values in (errors, sigma))
-        flags = SpotFlag(int(found.flags[0, 0]))
+        flags = lb.SpotFlag(int(found.flags[0, 0]))
         return {
             "error of this frame x · y (mpx)": _pair(errors[0]),
             "its predicted error (mpx)": _pair(sigma[0]),
@@ -194,57 +229,6 @@ class CentroidExplorer(Explorer):
         limit = round_up([*(1e3 * errors.ravel()), *(1e3 * sigma[0])])
         self._axes["errors"].set(xlim=(-limit, limit), ylim=(-limit, limit))
 
-    def code(
-        self,
-        *,
-        offset_px: float,
-        window_px: int,
-        method: str,
-        background: str,
-        seed: int,
-        **scene: Any,
-    ) -> str:
-        """Return the exposure and the call of `centroid`."""
-        options = "".join(f", {name}={value!r}" for name, value in _METHODS[method].items())
-        hot = f", hot_pixels=(({_HOT[0]}, {_HOT[1]}, {scene['hot_e']}),)" if scene["hot_e"] else ""
-        start = (_TRUTH + offset_px * np.array([0.8, -0.6])).round(6).tolist()
-        return f"""\
-import numpy as np
-import losbench as lb
-
-detector = lb.Detector(gain_e_per_dn={_GAIN_E}, offset_dn={_OFFSET_DN}, read_noise_e={scene["read_noise_e"]}{hot})
-truth = np.array({_TRUTH.tolist()})
-ramp = {scene["background_e"]} + {scene["gradient_e"]} * np.arange({_SIZE})
-spot = lb.render_spots(truth[None], {scene["flux_e"]}, {scene["diameter_px"] / 4}, ({_SIZE}, {_SIZE}))
-frames = detector.expose(np.broadcast_to(spot + ramp, ({_FRAMES}, {_SIZE}, {_SIZE})), {seed})
-found = lb.centroid(
-    frames, [{start}], window={window_px}, background={background!r}, noise=detector{options}
-)
-print(1e3 * (found.xy[0, 0] - truth), 1e3 * found.sigma_xy[0, 0])"""
-
-
-def _scene(
-    *,
-    flux_e: float,
-    read_noise_e: float,
-    background_e: float,
-    gradient_e: float,
-    diameter_px: float,
-    hot_e: int,
-) -> tuple[Detector, Any]:
-    """Return the detector, and the electrons to expect of frames with the spot at the places (...,
-    2).
-    """
-    hot = ((*_HOT, float(hot_e)),) if hot_e else ()
-    detector = Detector(
-        gain_e_per_dn=_GAIN_E, offset_dn=_OFFSET_DN, read_noise_e=read_noise_e, hot_pixels=hot
-    )
-    ramp = background_e + gradient_e * np.arange(_SIZE)
-    return (
-        detector,
-        lambda xy: render_spots(xy[..., None, :], flux_e, diameter_px / 4, (_SIZE, _SIZE)) + ramp,
-    )
-
 
 def _path(
     frame: Any, start: Floats, found: Floats, method: str, window_px: int, background: str
@@ -255,7 +239,7 @@ def _path(
     options = dict(_METHODS[method])
     kind = options.pop("method")
     if kind == "eiwa":
-        return window_path(
+        return lb.window_path(
             frame, start, window=window_px, background=background, **{"stop": "error", **options}
         )
     on_peak = kind == "grey" and "centre" not in options

@@ -1,0 +1,94 @@
+"""Numbers that the docstrings of estimation promise, from either side."""
+
+import allantools
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+import losbench as lb
+from losbench.estimation.allan import _freedom
+from losbench.estimation.solvers import as_part
+
+LINE = np.column_stack([np.ones(5), np.arange(5.0)])
+HEIGHTS = np.array([1.1, 2.9, 50.0, 7.1, 8.9])
+
+
+@pytest.mark.parametrize("exponent", [2, 1, 0, -1, -2])
+@pytest.mark.parametrize("m", [1, 2, 7, 40])
+def test_degrees_of_freedom_of_an_allan_deviation_are_those_of_allantools(exponent, m):
+    expected = allantools.edf_simple(1001, m, exponent)
+    if (exponent, m) == (-1, 1):  # NIST SP 1065, table 5; allantools 2024.6 forgets the square
+        expected = 2 * 999**2 / (2.3 * 1001 - 4.9)
+    assert _freedom(exponent, 1001, m) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_deviation_without_two_whole_averages_has_no_degrees_of_freedom():
+    assert np.isnan(_freedom(0, 20, 10))
+    assert np.isfinite(_freedom(0, 21, 10))
+
+
+@pytest.mark.parametrize("c", [3.0, 60.0, 90.0, 400.0])
+def test_the_gross_error_sensitivity_of_wide_losses_is_their_closed_form(c):
+    """Largest pull of a bisquare, 16 c / (25 sqrt 5), over its mean slope on normal errors."""
+
+    def slope(u):
+        return (1 - (u / c) ** 2) * (1 - 5 * (u / c) ** 2) * norm.pdf(u)
+
+    mean_slope = quad(slope, -min(c, 40.0), min(c, 40.0), epsabs=1e-12)[0]
+    expected = 16 * c / (25 * np.sqrt(5)) / mean_slope
+    assert lb.gross_error_sensitivity(lb.Bisquare(c)) == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_bounded_pull_is_bounded_however_late():
+    assert lb.gross_error_sensitivity(lb.Huber(1e7)) == pytest.approx(1e7, rel=1e-6)
+    assert lb.gross_error_sensitivity(lb.Huber(1e14)) == np.inf
+
+
+def test_rows_of_full_weight_are_not_called_doubted():
+    assert "0 of 5 rows have a weight below 1" in lb.lstsq(LINE, HEIGHTS)._repr_html_()
+    robust = lb.irls(LINE, HEIGHTS)
+    below = np.count_nonzero(robust.weights < 1)
+    assert 0 < below < 5
+    assert f"{below} of 5 rows have a weight below 1" in robust._repr_html_()
+
+
+def test_one_negative_scale_among_many_is_refused():
+    def scale(residuals):
+        found = np.ones(len(residuals))
+        found[-1] = -1.0
+        return found
+
+    with pytest.raises(ValueError, match="one non-negative number for each system"):
+        lb.irls(LINE, np.stack([HEIGHTS, HEIGHTS]), scale=scale)
+
+
+def test_a_part_of_a_task_takes_the_known_scale_unless_the_solver_has_its_own():
+    for solver in (lb.LeastSquares(), lb.LTS(), lb.MM()):
+        assert as_part(solver, 2.0).scale == 2.0
+    assert as_part(lb.IRLS(scale="std"), 2.0).scale == "std"
+    assert as_part(lb.IRLS(scale=3.0), 2.0).scale == 3.0
+    with pytest.raises(ValueError, match="scale must be a"):
+        as_part(lb.IRLS(scale=np.array([1.0, 2.0])), 2.0)
+
+
+def test_the_median_absolute_residual_of_an_even_number_is_halfway():
+    for size in (4, 5):
+        y = np.array([0.0, 1.0, 3.0, 10.0, 20.0])[:size]
+        fit = lb.irls(np.ones((size, 1)), y, scale="mad")
+        expected = np.median(np.abs(fit.residuals)) / 0.6744897501960817
+        assert fit.scale == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("loss", [lb.Huber, lb.Bisquare, lb.Cauchy, lb.Welsch])
+def test_default_constants_keep_95_percent_and_not_94_or_96(loss):
+    kept = lb.efficiency(loss())
+    assert 0.9495 < kept < 0.9505
+
+
+def test_outliers_are_beyond_three_scales():
+    fit = lb.irls(LINE, HEIGHTS)
+    size = np.abs(fit.residuals) / fit.scale
+    np.testing.assert_array_equal(fit.outliers(), size > 3.0)
+    just = float(size.max())
+    assert fit.outliers(0.999 * just).any() and not fit.outliers(1.001 * just).any()
