@@ -25,6 +25,7 @@ DISTRIBUTION = {  # where a package is not called what it is imported as
     "erfa": "pyerfa",
     "IPython": "ipython",
     "PIL": "pillow",
+    "skfem": "scikit-fem",
 }
 BY_HAND = {"batoid"}  # made reference data once; the script says how
 OWN = {"losbench", *BY_HAND, *(path.stem for path in ROOT.glob("tests/**/*.py"))} | {
@@ -59,7 +60,7 @@ def declared(*extras):
     [
         ("losbench", ["fits", "hdf5", "tiff"]),
         ("tests", ["fits", "hdf5", "tiff", "test", "cluster", "data", "browser"]),
-        ("benchmarks", ["test", "mutants", "bench"]),
+        ("benchmarks", ["fits", "hdf5", "test", "mutants", "bench"]),
         ("data", ["data"]),
     ],
 )

@@ -124,40 +124,6 @@ def test_a_lag_shorter_than_a_second_needs_times_to_predict_with():
     np.testing.assert_allclose(straight.predict(WARMING), 1e-6 * WARMING, rtol=1e-9)
 
 
-def leftover(n, waves):
-    """A smooth leftover that vanishes at both ends."""
-    x = np.linspace(0.0, 1.0, n)
-    return np.sin(np.pi * x) ** 2 * np.sin(2 * np.pi * waves * x)
-
-
-@pytest.mark.parametrize(("n", "waves", "limited"), [(30, 2, False), (400, 2, True)])
-def test_the_correlation_of_neighbours_is_limited_by_the_number_of_samples(n, waves, limited):
-    temperature = np.linspace(18.0, 25.0, n)
-    fit = lb.fit_sensitivity(temperature, 1e-6 * leftover(n, waves), method="ls")
-    r = fit.residuals
-    plain = (r[1:] @ r[:-1]) / (r @ r)
-    assert (plain > 1.0 - 2.0 / n) == limited
-    assert fit.correlation == pytest.approx(min(plain, 1.0 - 2.0 / n), rel=1e-9)
-
-
-def test_an_interval_is_widened_by_the_correlation_of_neighbours():
-    """Bayley and Hammersley (1946): by sqrt((1 + r) / (1 - r)); never narrowed."""
-    n = 200
-    temperature = np.linspace(18.0, 25.0, n)
-    for angle, widened in ((leftover(n, 9), True), ((-1.0) ** np.arange(n), False)):
-        fit = lb.fit_sensitivity(temperature, 1e-6 * angle, method="ls")
-        A = np.column_stack([np.ones(n), temperature - temperature.mean()])
-        plain = lb.lstsq(A, 1e-6 * angle)
-        from scipy.stats import t
-
-        half = t.ppf(0.975, n - 2) * plain.std_error[1]
-        r = float(fit.correlation)
-        assert (r > 0.5) == widened and (widened or r == 0.0)
-        assert np.diff(fit.k_interval)[0] / 2 == pytest.approx(
-            half * np.sqrt((1 + r) / (1 - r)), rel=1e-9
-        )
-
-
 def test_as_many_samples_as_unknowns_are_one_too_few():
     angle = 1e-6 * WARMING
     for options, unknowns in (({}, 2), ({"quadratic": True}, 3)):

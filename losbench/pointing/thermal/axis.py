@@ -144,6 +144,8 @@ def _kept(design: Design, point: PointFit, y: Floats, kept: Bools) -> _Kept:
     taus = np.r_[0.0, lag_grid(design.time_s, _RICH, shortest=2.0)]
     more = [lagged(design.sensors[name], design.time_s, tau) for name in names for tau in taus]
     others = np.stack(more, axis=1) if more else np.empty((y.size, 0))
+    if rows.size <= law.shape[1] + others.shape[1]:
+        others = others[:, :0]  # so short a record cannot tell other lags from noise
     return _Kept(rows, design.time_s[rows], y[rows], law[rows], others[rows])
 
 

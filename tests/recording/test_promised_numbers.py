@@ -1,0 +1,89 @@
+"""Numbers that the docstrings and files of recording promise, from either side."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.logs import FrameTimes, TemperatureLog
+from losbench.recording.readers import Recording
+from losbench.recording.stamps import Stamp
+
+fits = pytest.importorskip("astropy.io.fits")
+
+SPOTS = np.array([[40.0, 30.0], [110.0, 32.0], [75.0, 70.0]])
+DETECTOR = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
+CAMERA = lb.Camera(focal_mm=260.0, pixel_um=10.0, shape=(100, 150))
+GAIN, READ_NOISE_E = 110.0, 330.0
+
+
+def pixel_file(path, days, *, quality=None):
+    """A target pixel file of 5 x 7 pixels at column 600, row 400, as Kepler's are laid out."""
+    n = len(days)
+    flux = lb.render_spots([[3.2, 2.1]], 2e5, 1.2, (5, 7))[None] * np.ones((n, 1, 1))
+    error = np.sqrt(flux / GAIN + (READ_NOISE_E / GAIN) ** 2)
+    columns = [
+        fits.Column("TIME", "D", array=np.asarray(days, dtype=float)),
+        fits.Column("FLUX", "35E", dim="(7, 5)", array=flux.astype(np.float32)),
+        fits.Column("FLUX_ERR", "35E", dim="(7, 5)", array=error.astype(np.float32)),
+        fits.Column("QUALITY", "J", array=np.zeros(n) if quality is None else quality),
+    ]
+    table = fits.BinTableHDU.from_columns(columns)
+    table.header["1CRV5P"], table.header["2CRV5P"] = 600, 400
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
+    return flux
+
+
+def test_a_day_of_a_pixel_file_has_86400_seconds(tmp_path):
+    days = 131.5 + np.array([0.0, 0.25, 0.5, 1.0, 3.0])
+    pixel_file(tmp_path / "star.fits", days)
+    times = lb.read_recording(tmp_path / "star.fits").times
+    np.testing.assert_allclose(times.seconds, [0.0, 21600.0, 43200.0, 86400.0, 259200.0], atol=1e-6)
+
+
+def test_a_stamp_of_a_pixel_file_stands_in_a_margin_of_six_pixels_at_its_place(tmp_path):
+    flux = pixel_file(tmp_path / "star.fits", np.arange(4.0))
+    recording = lb.read_recording(tmp_path / "star.fits")
+    (stamp,) = recording.stamps
+    frame = stamp.read(2, 3, skip=False).frames[0]
+    assert frame.shape == (5 + 12, 7 + 12)
+    np.testing.assert_allclose(frame[6:-6, 6:-6], flux[2], rtol=1e-6)
+    assert frame.sum() == pytest.approx(flux[2].sum(), rel=1e-6)
+    found = lb.measure(recording, n_spots=1)
+    # The stamp cuts off the foot of the star.
+    np.testing.assert_allclose(found.xy_px[0, 0], [603.2, 402.1], atol=0.03)
+
+
+def test_the_errors_of_a_pixel_file_tell_its_detector(tmp_path):
+    pixel_file(tmp_path / "star.fits", np.arange(4.0))
+    detector = lb.read_recording(tmp_path / "star.fits").detector
+    assert detector.gain_e_per_dn == pytest.approx(GAIN, rel=1e-4)
+    assert detector.read_noise_e == pytest.approx(READ_NOISE_E, rel=1e-3)
+
+
+# The report
+
+
+def drifting(n, span_degC):
+    """Spots that drift with a temperature that rises by so much over n frames."""
+    clock, noise = np.arange(float(n)), np.random.default_rng(1)
+    celsius = np.linspace(18.0, 18.0 + span_degC, n)
+    spots = SPOTS + 0.4 * (celsius - 18.0)[:, None, None]
+    light = lb.render_spots(spots, 2e5, 2.0, CAMERA.shape) + 40.0
+    stamp = Stamp("frame", lb.open_frames(DETECTOR.expose(light, noise)))
+    recording = Recording(Path("memory"), n, (stamp,), times=FrameTimes(clock))
+    log = TemperatureLog(FrameTimes(clock), celsius[:, None], ("temperature_degC",))
+    return recording, log
+
+
+@pytest.mark.parametrize(
+    ("n", "span_degC", "told"),
+    [(9, 5.0, False), (10, 5.0, True), (12, 0.49, False), (12, 0.51, True)],
+)
+def test_a_sensitivity_takes_ten_frames_and_half_a_degree(tmp_path, n, span_degC, told):
+    recording, log = drifting(n, span_degC)
+    measured = lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log)
+    lines = lb.write_report(measured, tmp_path, recording=recording)
+    assert sum(line.startswith("Sensitivity about") for line in lines) == (3 if told else 0)
+    assert (tmp_path / "angles-over-temperature.png").is_file() == told
