@@ -199,6 +199,7 @@ def test_a_known_scale_is_used_and_reported(fit):
     assert ((ratio > 0.85) & (ratio < (1.3 if fit is lb.lts else 1.12))).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fit", "n", "low", "high"),
     [(lb.mm, 40, 0.95, 1.06), (lb.lts, 40, 1.0, 1.35), (lb.lts, 200, 1.0, 1.15)],
@@ -226,6 +227,7 @@ def test_rows_thrown_out_lend_no_leverage_to_the_predicted_errors(fit):
     assert ((ratio > 0.9) & (ratio < (1.35 if fit is lb.lts else 1.12))).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("efficiency", "rows"), [(0.85, 1), (0.95, 1), (0.95, 2)])
 def test_mm_has_the_efficiency_asked_for(efficiency, rows):
     n = 60

@@ -64,6 +64,7 @@ def test_noise_is_three_times_the_allan_deviation_at_the_sampling_time():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "correlation"), [(2400, 40), (2400, 120), (9600, 120)])
 @pytest.mark.parametrize("window", [3, 5, 21])
 def test_unbiased_forms_recover_truth_within_their_uncertainty_where_the_papers_do_not(

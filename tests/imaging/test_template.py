@@ -33,6 +33,7 @@ def test_the_weighted_centroid_reaches_the_cramer_rao_bound(sigma, snr):
     assert found.n_iter.mean() < 3.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("snr", "highest"), [(10, 1.12), (30, 1.15), (100, 1.4)])
 def test_the_least_squares_fit_comes_near_it(snr, highest):
     frames, xy, flux = spots(2.0, snr, n=500)
@@ -47,6 +48,7 @@ def test_undersampled_stars_are_no_exception(snr):
     assert 0.97 < rms(found.xy - xy) / cramer_rao(0.65, flux) < 1.06
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", TEMPLATES)
 @pytest.mark.parametrize(("sigma", "snr"), [(0.65, 30), (1.5, 10), (2.0, 100), (4.0, 30)])
 def test_the_predicted_error_is_the_scatter(method, sigma, snr):

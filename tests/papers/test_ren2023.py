@@ -26,6 +26,7 @@ def sixty():
     return campaign(PAIR, 60)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("quantity", "expected", "within"),
     [

@@ -29,6 +29,7 @@ def test_a_uniform_turn_comes_back_exactly(method):
     assert track.converged.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["irls", "lts", "mm"])
 def test_the_bad_spot_of_a_two_spot_frame_is_named(method):
     truth, shifts = recording(400, seed=1)

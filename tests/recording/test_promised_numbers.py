@@ -87,3 +87,12 @@ def test_a_sensitivity_takes_ten_frames_and_half_a_degree(tmp_path, n, span_degC
     lines = lb.write_report(measured, tmp_path, recording=recording)
     assert sum(line.startswith("Sensitivity about") for line in lines) == (3 if told else 0)
     assert (tmp_path / "angles-over-temperature.png").is_file() == told
+
+
+def test_the_error_of_a_mean_reference_is_that_of_a_mean():
+    recording, _ = drifting(16, 0.0)
+    found = lb.measure(recording, CAMERA, detector=DETECTOR, reference=16)
+    own = np.sqrt(found.sigma_shifts_px**2 - found.sigma_xy_px**2)
+    expected = np.sqrt(np.sum(found.sigma_xy_px**2, axis=0)) / 16
+    np.testing.assert_allclose(own, np.broadcast_to(expected, own.shape), rtol=1e-6)
+    np.testing.assert_allclose(found.reference_px, found.xy_px.mean(axis=0), atol=1e-12)
