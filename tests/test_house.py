@@ -1,6 +1,7 @@
 """What the root of the checkout promises: documents, metadata and commands that hold."""
 
 import ast
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -145,6 +146,23 @@ def test_what_is_run_on_demand_can_be_started(target):
     assert target in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     for script in set(re.findall(r"benchmarks/\w+\.py", done.stdout)):
         assert (ROOT / script).is_file()
+
+
+def test_every_mutant_that_is_called_equivalent_can_still_be_made():
+    spec = importlib.util.spec_from_file_location("mutants", ROOT / "benchmarks" / "mutants.py")
+    mutants = importlib.util.module_from_spec(spec)
+    sys.modules["mutants"] = mutants
+    spec.loader.exec_module(mutants)
+    listed, made = mutants.equivalents(), set()
+    runs = mutants.Runs({}, {})
+    for file in {file for file, _, _ in listed}:
+        lines = {before for name, before, _ in listed if name == file}
+        for place in mutants.places(ROOT / file):
+            if mutants._line(place.statement) in lines:
+                for change in mutants.changes(place.node):
+                    mutant = mutants.mutant(place, *change, runs)
+                    made.add((mutant.path, mutant.before, mutant.after))
+    assert listed <= made
 
 
 @pytest.mark.parametrize(

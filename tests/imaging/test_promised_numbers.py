@@ -110,6 +110,13 @@ def test_one_iteration_is_allowed_and_none_is_not(kind):
         kind(max_iter=0)
 
 
+@pytest.mark.parametrize("kind", [lb.Weighted, lb.EIWA])
+def test_no_tolerance_is_below_a_millionth_of_a_millionth(kind):
+    assert kind(tolerance=1e-12).tolerance == 1e-12
+    with pytest.raises(ValueError, match="tolerance must be a finite number"):
+        kind(tolerance=0.9e-12)
+
+
 def test_centroids_show_x_beside_y():
     html = lb.centroid(spot((40.0, 30.0)), [[40, 30]], window=13)._repr_html_()
     assert html.index("40.0") < html.index("30.0")
