@@ -1,5 +1,5 @@
-"""Many robust systems at once: `irls` against statsmodels, `lts` and `mm` over frames, how times
-and memory grow.
+"""Many robust systems at once: `irls` against statsmodels, `lts` and `mm` over frames and against
+robustat-py, how times and memory grow.
 """
 
 import resource
@@ -9,6 +9,7 @@ from side_by_side import faster, in_turn, one_thread, report, within
 one_thread()
 
 import numpy as np  # noqa: E402
+from robustat_py import Lts, MMEstimator  # noqa: E402
 from statsmodels.robust import norms  # noqa: E402
 from statsmodels.robust.robust_linear_model import RLM  # noqa: E402
 
@@ -102,6 +103,29 @@ def mm_against_lts():
     )
 
 
+def robustat(estimator, solve, name, n):
+    """Batches against a compiled peer that takes one system at a time."""
+    design, y = systems(200, n, 3)
+
+    def peer():
+        return [
+            estimator().fit(a, b).coefficients for a, b in zip(design[:20], y[:20], strict=True)
+        ]
+
+    ours_s, peer_s = in_turn(lambda: solve(design, y, on_fail="ignore"), peer, rounds=3)
+    return faster(f"{name}, 200 of {n} x 3", ours_s / 200, "robustat-py", peer_s / 20, 3)
+
+
+def long_system():
+    """One system of 13 895 x 6 by `mm`, in units of half a second."""
+    rng = np.random.default_rng(13)
+    design = rng.standard_normal((13_895, 6))
+    y = design @ np.ones(6) + rng.standard_t(3, 13_895)
+    ours_s, least_s = in_turn(lambda: lb.mm(design, y), lambda: lb.lstsq(design, y), rounds=3)
+    print(f"least squares of the same: {1e3 * least_s:.1f} ms")
+    return within("mm, 13 895 x 6", ours_s, "half a second", 0.5, 1.0)
+
+
 def scaling(solve, name, small, large, at_most):
     """Time per row of the batch as it grows from one shape (systems, n, p) to another."""
     few, many = systems(*small), systems(*large)
@@ -137,6 +161,9 @@ if __name__ == "__main__":
             scaling(huber, "irls", (5000, 24, 3), (5000, 24, 6), 12),
             scaling(lb.lts, "lts", (20, 40, 3), (20, 160, 3), 1.5),
             scaling(lb.lts, "lts", (20, 40, 3), (200, 40, 3), 1.5),
+            *(robustat(Lts, lb.lts, "lts", n) for n in (8, 12, 16, 24, 40)),
+            *(robustat(MMEstimator, lb.mm, "mm", n) for n in (8, 12, 16, 24, 40)),
+            long_system(),
             memory(),
         ],
     )

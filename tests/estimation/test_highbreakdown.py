@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from statsmodels.datasets import stackloss
 
 import losbench as lb
-from losbench.estimation.highbreakdown import search
+from losbench.estimation.highbreakdown import efficient, elimination, search, trimmed
+from losbench.estimation.robust.problem import read_problem, spd_inverse
 
 DATA = stackloss.load_pandas()
 A = np.column_stack([np.ones(21), DATA.exog.to_numpy()])
@@ -188,7 +189,7 @@ def test_many_systems_go_through_in_parts():
 @pytest.mark.parametrize("fit", FITS)
 def test_a_known_scale_is_used_and_reported(fit):
     design, spot = ring(8)
-    y = 0.5 * RNG.standard_normal((3000, 16))
+    y = 0.5 * np.random.default_rng(11).standard_normal((3000, 16))
     result = fit(design, y, group=spot, scale=0.5)
     assert result.scale_method == "given"
     np.testing.assert_array_equal(result.scale, 0.5)
@@ -239,8 +240,9 @@ def test_mm_has_the_efficiency_asked_for(efficiency, rows):
 
 
 def test_random_starts_repeat_and_can_be_drawn_anew():
-    design = RNG.standard_normal((60, 4))
-    y = design @ np.ones(4) * np.repeat([-3.0, 5.0], 30) + RNG.standard_normal(60)
+    rng = np.random.default_rng(11)
+    design = rng.standard_normal((60, 4))
+    y = design @ np.ones(4) * np.repeat([-3.0, 5.0], 30) + rng.standard_normal(60)
     for fit in FITS:
         np.testing.assert_array_equal(fit(design, y).x, fit(design, y, rng=None).x)
         np.testing.assert_array_equal(
@@ -251,8 +253,9 @@ def test_random_starts_repeat_and_can_be_drawn_anew():
 
 
 @pytest.mark.parametrize("fit", FITS)
-def test_a_perfect_majority_is_found_and_the_rest_thrown_out(fit):
-    design = RNG.standard_normal((12, 3))
+@pytest.mark.parametrize("seed", range(12))
+def test_a_perfect_majority_is_found_and_the_rest_thrown_out(fit, seed):
+    design = np.random.default_rng(seed).standard_normal((12, 3))
     y = design @ [1.0, -2.0, 3.0]
     y[:4] += [1e9, -3.0, 1e3, 7.0]
     result = fit(design, y)
@@ -358,3 +361,75 @@ def test_bad_input_is_refused_by_name(fit, change, message):
     arguments = {"A": RNG.standard_normal((8, 3)), "y": RNG.standard_normal(8)} | change
     with pytest.raises(ValueError, match=message):
         fit(**arguments)
+
+
+# What makes it fast
+
+
+@pytest.mark.parametrize("p", [1, 2, 3, 5])
+def test_elimination_leaves_what_each_subset_leaves(p):
+    rng = np.random.default_rng(p)
+    design, y = rng.standard_normal((4, 9, p)), rng.standard_normal((4, 9))
+    subsets = (rng.random((40, 9)) < 0.8).astype(float)
+    subsets[:, : p + 1] = 1.0
+    problem = read_problem(design, y)
+    left, safe = elimination.misfits(problem, subsets)
+    assert safe.all()
+    for b in range(4):
+        for k, subset in enumerate(subsets):
+            rows = subset > 0
+            x = np.linalg.lstsq(design[b, rows], y[b, rows])[0]
+            wanted = np.sum((design[b, rows] @ x - y[b, rows]) ** 2)
+            np.testing.assert_allclose(left[b, k], wanted, atol=1e-12)
+    design[2, :, 0] = np.arange(9) == 8
+    subsets[:, 8] = np.arange(40) > 0
+    assert elimination.misfits(read_problem(design, y), subsets)[1].tolist() == [
+        True,
+        True,
+        False,
+        True,
+    ]
+
+
+@pytest.mark.parametrize("p", [2, 4, 6])
+def test_sweeping_inverts_what_can_be_inverted(p):
+    factors = np.random.default_rng(p).standard_normal((400, p + 2, p))
+    factors[7, :, -1] = factors[7, :, 0]
+    matrices = np.swapaxes(factors, 1, 2) @ factors
+    packed = matrices[:, *np.triu_indices(p)]
+    found = elimination.inverses(packed, p)
+    np.testing.assert_allclose(found, spd_inverse(packed, p), rtol=1e-6, atol=1e-9)
+    regular = np.arange(400) != 7
+    unit = found[regular] @ matrices[regular]
+    np.testing.assert_allclose(unit, np.broadcast_to(np.eye(p), unit.shape), atol=1e-6)
+
+
+@pytest.mark.parametrize("group", [False, True])
+def test_some_rows_of_a_long_system_find_what_all_rows_find(monkeypatch, group):
+    rng = np.random.default_rng(9)
+    design = np.column_stack([np.ones(5000), rng.standard_normal((5000, 3))])
+    y = design @ [1.0, 2.0, 3.0, 4.0] + rng.standard_normal((2, 5000))
+    y[:, :1600] += 25.0
+    design[:1600, 1] += 5.0
+    options = {"group": np.arange(5000) // 2} if group else {}
+    monkeypatch.setattr(efficient, "LONG", 2000)
+    quick = lb.mm(design, y, **options)
+    monkeypatch.setattr(efficient, "LONG", 10**9)
+    whole = lb.mm(design, y, starts=100, **options)
+    np.testing.assert_allclose(quick.x, whole.x, atol=1e-6)
+    np.testing.assert_allclose(quick.scale, whole.scale, rtol=1e-6)
+    monkeypatch.setattr(trimmed, "LONG", 2000)
+    near = lb.lts(design, y, **options)
+    np.testing.assert_allclose(near.x, [[1.0, 2.0, 3.0, 4.0]] * 2, atol=0.1)
+    assert (near.weights[:, :1600] == 0).all()
+
+
+def test_a_long_system_with_a_rank_too_short_is_solved():
+    rng = np.random.default_rng(10)
+    design = rng.standard_normal((5000, 3))
+    design[:, 2] = design[:, 0]
+    y = design @ [1.0, 2.0, 1.0] + rng.standard_normal(5000)
+    for fit in FITS:
+        with pytest.warns(RuntimeWarning, match="do not determine"):
+            found = fit(design, y)
+        np.testing.assert_allclose(found.x, [1.0, 2.0, 1.0], atol=0.1)

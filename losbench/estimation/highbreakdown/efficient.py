@@ -12,6 +12,7 @@ from losbench.arrays import Floats
 from losbench.checks import integer, number
 from losbench.estimation.highbreakdown.mscale import MScale
 from losbench.estimation.highbreakdown.search import (
+    LONG,
     Random,
     Search,
     Subsets,
@@ -21,6 +22,7 @@ from losbench.estimation.highbreakdown.search import (
     least,
     least_of_subsets,
     random_source,
+    thinned,
 )
 from losbench.estimation.influence import tuned
 from losbench.estimation.losses import Bisquare
@@ -33,6 +35,7 @@ __all__ = ["mm"]
 
 
 _BEST = 5
+_RANKED, _LONG_BEST = 50, 3
 _STEPS = 100
 _SETTLED = 1e-6  # the least scale is flat in the coordinates: twelve digits of it
 _ALL = 1000  # subsets that are all tried rather than drawn from
@@ -167,10 +170,13 @@ def _s_estimate(
     count, p, n = len(problem.y), *problem.basis.shape[1:]
     needed = units.needed(int(problem.rank.max()))
     starts = default_starts(needed) if starts is None else starts
-    blocks = units.choose(needed, most=max(_ALL, starts), starts=starts, rng=rng, columns=p)
-    z, size = least_of_subsets(
-        problem, blocks, partial(_tried, units=units), count=_BEST, numbers=n
-    )
+    if len(units.sizes) > LONG:
+        z, size = _best_of_long(problem, units, starts, rng)
+    else:
+        blocks = units.choose(needed, most=max(_ALL, starts), starts=starts, rng=rng, columns=p)
+        z, size = least_of_subsets(
+            problem, blocks, partial(_tried, units=units), count=_BEST, numbers=n
+        )
     parts = []
     for part in chunks(count, z.shape[1] * n):
         search = Search(problem.part(part))
@@ -186,10 +192,43 @@ def _tried(search: Search, subsets: Subsets, units: Units) -> tuple[Floats, Floa
     return z, measure.better(search.residuals(z), size, rounds=2)
 
 
+def _best_of_long(
+    problem: Problem, units: Units, starts: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Candidates (B, k, p) of long systems and their scales (B, k): many ranked on few rows by
+    their median residual, some of them improved there, the best of these on all rows.
+    """
+    count, p = len(problem.y), problem.basis.shape[1]
+    thin, some = thinned(problem, units, rng)
+    needed = some.needed(int(problem.rank.max()))
+    blocks = some.choose(needed, most=0, starts=starts, rng=rng, columns=p)
+    z, size = least_of_subsets(
+        thin, blocks, partial(_ranked, units=some), count=_RANKED, numbers=thin.y.shape[1]
+    )
+    for stage, members, kept in ((thin, some, 2 * _BEST), (problem, units, _LONG_BEST)):
+        parts = []
+        for part in chunks(count, z.shape[1] * stage.y.shape[1]):
+            search = Search(stage.part(part))
+            measure = MScale(search.problem, members)
+            at, scale = z[part], measure.start(search.residuals(z[part]))
+            for _ in range(2):
+                at, scale = measure.step(search, at, scale)
+            parts.append(least(at, measure.better(search.residuals(at), scale, rounds=2), kept))
+        z, size = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return z, size
+
+
+def _ranked(search: Search, subsets: Subsets, units: Units) -> tuple[Floats, Floats]:
+    """Candidates (B, k, p) as they are, with the median of what they leave."""
+    z = subsets.fits(search)
+    return z, MScale(search.problem, units).start(search.residuals(z))
+
+
 def _downhill(search: Search, z: Floats, size: Floats, measure: MScale) -> tuple[Floats, Floats]:
     """Follow a few candidates (B, k, p) downhill; coordinates (B, 1, p) and scale (B, 1) of the
     lowest place.
     """
+    # Steps with a scale that is one fixed-point step old: both settle together.
     for _ in range(_STEPS):
         before, (z, size) = z, measure.step(search, z, size)
         moved = np.abs(z - before).max(axis=-1)

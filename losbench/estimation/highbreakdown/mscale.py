@@ -36,6 +36,7 @@ class MScale:
         self._loss = _half(units.rows)
         self._floor = problem.floor[:, None]
         free = np.maximum(len(units.sizes) - problem.rank / units.rows, 0.5)
+        # A scale of m residuals of which p / g were fitted to zero: R's lmrob counts likewise.
         self._wanted = (np.maximum(0.5 * free, survive + 0.25) * self._loss.c**2 / 6.0)[:, None]
         self._half = units.majority(int(problem.rank.max())) - 1
 
@@ -51,7 +52,7 @@ class MScale:
     def better(self, residuals: Floats, size: Floats, rounds: int = 100) -> Floats:
         """Improve the scale (B, k) by fixed-point steps until it settles."""
         sizes = self._sizes(residuals)
-        for _ in range(rounds):
+        for _ in range(rounds):  # s^2 <- s^2 mean rho / wanted: linear, but from anywhere
             before, size = size, self._next(sizes, size)
             if (np.abs(size - before) <= 1e-12 * size).all():
                 break

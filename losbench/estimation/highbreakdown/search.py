@@ -5,7 +5,7 @@ among.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, combinations, islice
 from math import comb
 
@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats, Indices, Ints
 from losbench.checks import generator, named_twice
+from losbench.estimation.highbreakdown.elimination import inverses, misfits
 from losbench.estimation.robust.iterate import Groups
 from losbench.estimation.robust.problem import Problem, products, spd_inverse, unused
 
 __all__ = [
     "EXHAUSTIVE",
+    "LONG",
     "Random",
     "Search",
     "Subsets",
@@ -28,6 +30,7 @@ __all__ = [
     "least",
     "least_of_subsets",
     "random_source",
+    "thinned",
 ]
 
 Random = np.random.Generator | int | None
@@ -38,6 +41,9 @@ _BLOCK_ELEMENTS = (
     2**22
 )  # numbers of one block of subsets with all columns, which bounds the memory of a long system
 _STARTS = (500, 5000)
+LONG = 4000  # units, from which on candidates are ranked on some of them
+_THIN = 2000
+_LONG_ROWS, _FEW_SYSTEMS = 1000, 10
 
 
 @dataclass(frozen=True)
@@ -97,13 +103,26 @@ class Units:
                 yield self._weights(chosen.reshape(-1, size))
         else:
             for first in range(0, starts, block):
-                order = np.argsort(rng.random((min(block, starts - first), count)), axis=1)
-                yield self._weights(order[:, :size])
+                drawn = rng.random((min(block, starts - first), count))
+                yield self._weights(np.argpartition(drawn, size - 1, axis=1)[:, :size])
 
     def _weights(self, chosen: Indices) -> Floats:
         weights = np.zeros((len(chosen), len(self.sizes)))
         np.put_along_axis(weights, chosen, 1.0, axis=1)
         return self.spread(weights)
+
+
+def thinned(problem: Problem, units: Units, rng: np.random.Generator) -> tuple[Problem, Units]:
+    """Return the same unknowns with random units of a long system: enough to tell good candidates
+    from bad ones.
+    """
+    chosen = np.sort(rng.choice(len(units.sizes), _THIN, replace=False))
+    rows = chosen
+    if units.groups is not None:
+        rows = np.flatnonzero(np.isin(units.groups.labels, chosen))
+    some = None if units.groups is None else units.groups.labels[rows]
+    thin = replace(problem, basis=problem.basis[..., rows], y=problem.y[:, rows])
+    return thin, Units.read(some, len(rows))
 
 
 class Search:
@@ -133,36 +152,45 @@ class Search:
         sizes (B,).
         """
         normal = self._normal(weights[:, None])[:, 0]
-        inverse = self._inverted(normal[:, None])[:, 0]
+        inverse = spd_inverse(normal, self.problem.basis.shape[1])
         return self.problem.weighted_covariance(inverse, normal, size)
 
     def inverse(self, weights: Floats) -> Floats:
         """Inverses (B or 1, k, p, p) of the normal matrices with weights (B or 1, k, n)."""
-        return self._inverted(self._normal(weights))
+        packed = self._normal(weights)
+        p = self.problem.basis.shape[1]
+        return inverses(packed.reshape(-1, packed.shape[-1]), p).reshape(*packed.shape[:-1], p, p)
 
     def _normal(self, weights: Floats) -> Floats:
         return weights @ self._pairs + self._unused
 
-    def _inverted(self, packed: Floats) -> Floats:
-        p = self.problem.basis.shape[1]
-        return spd_inverse(packed.reshape(-1, packed.shape[-1]), p).reshape(
-            *packed.shape[:-1], p, p
-        )
-
 
 class Subsets:
     """The same k subsets of rows in all systems: where all share one A, their fits are one matrix
-    product.
+    product. A few long systems would not pay for the matrix.
     """
 
     def __init__(self, problem: Problem, weights: Floats) -> None:
         self.weights = weights  # (k, n), 1 for the rows of the subset
         self._matrices: tuple[Floats, Floats] | None = None
-        if len(problem.basis) == 1:
+        count, n = problem.y.shape
+        if len(problem.basis) == 1 and (n <= _LONG_ROWS or count > _FEW_SYSTEMS):
             pull = problem.basis * weights[:, None]
             fit = Search(problem.part(slice(0, 1))).inverse(weights[None])[0] @ pull
-            n = weights.shape[1]
             self._matrices = pull.reshape(-1, n), fit.reshape(-1, n)
+
+    def best(self, search: Search, count: int) -> tuple[Floats, Floats]:
+        """Coordinates (B, count, p) of the subsets that leave least, and what they leave, (B,
+        count).
+        """
+        if self._matrices is None:
+            left, safe = misfits(search.problem, self.weights)
+            if safe.all():
+                chosen = least_places(left, count)
+                z = search.fits(self.weights[chosen])
+                return z, np.take_along_axis(left, chosen, axis=1)
+        z = self.fits(search)
+        return least(z, self.misfits(search, z), count)
 
     def fits(self, search: Search) -> Floats:
         """Coordinates (B, k, p) of least squares over each subset."""
@@ -194,9 +222,14 @@ def chunks(count: int, elements: int) -> Iterator[slice]:
     return (slice(first, first + size) for first in range(0, count, size))
 
 
+def least_places(objective: Floats, count: int) -> Indices:
+    """Where the least objectives (B, k) are, (B, count)."""
+    return np.argpartition(objective, min(count, objective.shape[1]) - 1, axis=1)[:, :count]
+
+
 def least(z: Floats, objective: Floats, count: int) -> tuple[Floats, Floats]:
     """Coordinates (B, count, p) of the least objectives (B, k), and these."""
-    chosen = np.argpartition(objective, min(count, objective.shape[1]) - 1, axis=1)[:, :count]
+    chosen = least_places(objective, count)
     return np.take_along_axis(z, chosen[..., None], axis=1), np.take_along_axis(
         objective, chosen, axis=1
     )

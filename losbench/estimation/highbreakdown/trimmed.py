@@ -15,6 +15,7 @@ from losbench.checks import choice, integer
 from losbench.estimation.highbreakdown.mscale import MScale
 from losbench.estimation.highbreakdown.search import (
     EXHAUSTIVE,
+    LONG,
     Random,
     Search,
     Subsets,
@@ -24,9 +25,10 @@ from losbench.estimation.highbreakdown.search import (
     least,
     least_of_subsets,
     random_source,
+    thinned,
 )
 from losbench.estimation.robust.fit import ON_FAIL, as_fit, report_rank
-from losbench.estimation.robust.problem import read_problem
+from losbench.estimation.robust.problem import Problem, read_problem
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import known_scale
 
@@ -37,6 +39,7 @@ _KEPT = 0.98758  # share of good units that reweighting keeps: 2.5 sigma for sin
 _BEST = 10  # candidates that concentration steps carry on with, of random starts
 _LEAST = 3  # and of all subsets, which rounding may fail to tell apart
 _STEPS = 100
+_DROWNED = 1e-12  # of y'y: sums of squares below it are rounding, with more rows than a few
 
 
 def lts(
@@ -122,23 +125,21 @@ def lts(
     known = None if scale is None else known_scale(scale, problem)
     exact = comb(count, h) <= EXHAUSTIVE
     starts = default_starts(needed) if starts is None else integer("starts", starts, low=1)
-    blocks = units.choose(
-        h if exact else needed,
-        most=max(EXHAUSTIVE if exact else 0, starts),
-        starts=starts,
-        rng=random_source(seed, rng),
-        columns=problem.basis.shape[1],
-    )
     # What least squares leaves: the sums of squares that are compared then lose the fewest digits.
     start = problem.least_squares()
     left = replace(problem, y=-problem.residuals(start))
-    best, _ = least_of_subsets(
-        left,
-        blocks,
-        partial(_tried, units=units, h=h, exact=exact),
-        count=_LEAST if exact else _BEST,
-        numbers=left.basis.shape[1 if exact else 2],
+    candidates = partial(
+        _candidates, units=units, h=h, starts=starts, source=random_source(seed, rng), exact=exact
     )
+    best, objective = candidates(left)
+    drowned = objective.min(axis=1) <= _DROWNED * np.vecdot(left.y, left.y)
+    if exact and drowned.any():
+        # Rows that are off by a million scales leave the sums no digits to differ in: look again,
+        # from the best of them, which has thrown the worst rows out.
+        nearest = least(best, objective, 1)[0][:, 0]
+        start = start + np.where(drowned[:, None], nearest, 0.0)
+        left = replace(problem, y=-problem.residuals(start))
+        best, _ = candidates(left)
     parts = []
     for part in chunks(len(start), best.shape[1] * left.basis.shape[2]):
         search = Search(left.part(part))
@@ -159,18 +160,55 @@ def lts(
     )
 
 
+def _candidates(
+    problem: Problem,
+    units: Units,
+    h: int,
+    *,
+    starts: int,
+    source: np.random.Generator,
+    exact: bool,
+) -> tuple[Floats, Floats]:
+    """A few coordinates (B, k, p) to refine, with what they leave."""
+    count, needed = len(units.sizes), units.needed(int(problem.rank.max()))
+    tried, some = thinned(problem, units, source) if count > LONG else (problem, units)
+    blocks = some.choose(
+        h if exact else needed,
+        most=max(EXHAUSTIVE if exact else 0, starts),
+        starts=starts,
+        rng=source,
+        columns=problem.basis.shape[1],
+    )
+    enough = max(needed, -(-h * len(some.sizes) // count))
+    return least_of_subsets(
+        tried,
+        blocks,
+        partial(_tried, units=some, h=enough, exact=exact),
+        count=_LEAST if exact else _BEST,
+        numbers=_numbers(tried, exact=exact),
+    )
+
+
 def _tried(
     search: Search, subsets: Subsets, units: Units, h: int, *, exact: bool
 ) -> tuple[Floats, Floats]:
     """Candidates (B, k, p) and what they leave: subsets of h units themselves, if exact, or starts
     after two refits.
     """
-    z = subsets.fits(search)
     if exact:
-        return z, subsets.misfits(search, z)
+        return subsets.best(search, _LEAST)
+    z = subsets.fits(search)
     for _ in range(2):
         z = search.fits(_kept(search, z, units, h))
     return z, _trimmed(search, z, units, h)
+
+
+def _numbers(problem: Problem, *, exact: bool) -> int:
+    """Numbers held at once for each candidate."""
+    p = problem.basis.shape[1]
+    if not exact:
+        return problem.basis.shape[2]
+    return p if len(problem.basis) == 1 else (p + 1) * (p + 2) // 2
 
 
 def _settled(search: Search, z: Floats, units: Units, h: int) -> Floats:
@@ -210,6 +248,7 @@ def _reweighted(
         sizes = units.sums((residuals[:, 0] / first[:, None]) ** 2) / units.sizes
     limit = 2.0 * gammaincinv(0.5 * units.sizes, _KEPT) / units.sizes
     trimmed = _kept(search, z[:, None], units, h)[:, 0]
+    # The h that were found to fit are kept whatever the cut says of them.
     weights = np.maximum(units.spread((sizes <= limit).astype(np.float64)), trimmed)
     z = search.fits(weights[:, None])[:, 0]
     residuals = problem.residuals(z)

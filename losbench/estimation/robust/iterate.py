@@ -113,13 +113,15 @@ def _advance(pool: _Pool, method: Method) -> Floats:
     which to judge it.
     """
     residuals = combine(pool.z.T, pool.basis)
-    residuals -= pool.y
+    residuals -= pool.y  # in place, here and below: at this size memory is what takes the time
     judged = method.judged(residuals, pool.systems)
     scale = np.maximum(method.scale(judged, pool.systems), pool.floor)
     weights = method.loss.weights(method.scaled(judged, scale))
     residuals *= weights
     pull = np.ascontiguousarray(project(pool.basis, residuals).T)
     unit = len(pull) * scale**2
+    # Corrected for all, then made anew for those that are not to be trusted: to pick out the others
+    # first would cost more than it saves.
     plain = np.flatnonzero(~_correct(pool, pull, _NEAR**2 * unit))
     if len(plain):
         basis, rank = (
@@ -146,6 +148,7 @@ def _correct(pool: _Pool, pull: Floats, near: Floats) -> Bools:
     ahead = _times(pool.inverse, pull)
     pool.step = ahead / (1.0 - _dot(last, ahead) / length)
     pool.inverse += (pool.step / length)[:, None] * np.einsum("ib,ijb->jb", last, pool.inverse)
+    # Where the factor does not shrink, or a kink of the loss was crossed, the step grows instead.
     return (length <= near) & (_dot(pool.step, pool.step) <= length)
 
 
@@ -186,19 +189,23 @@ class _Pool:
         self._waiting = fresh.stop
         here, empty = done[: fresh.stop - fresh.start], done[fresh.stop - fresh.start :]
         if len(here):
-            for name in ("basis", "rank", "y", "floor"):
-                if len(given := getattr(self._problem, name)) > 1:
-                    getattr(self, name)[here] = given[fresh]
+            if not self.shared:
+                self.basis[here] = self._problem.basis[fresh]
+                self.rank[here] = self._problem.rank[fresh]
+            self.y[here] = self._problem.y[fresh]
+            self.floor[here] = self._problem.floor[fresh]
             self.systems[here] = np.arange(fresh.start, fresh.stop)
             self.age[here] = 0
             self.z[:, here] = self._start[fresh].T
-            self.step[:, here] = 0.0
+            self.step[:, here] = 0.0  # then 0 / 0 is no shorter than anything: a plain step
         if len(empty):
             self._remove(empty)
 
     def _remove(self, empty: Indices) -> None:
         kept = np.delete(np.arange(len(self.systems)), empty)
-        for name in ("systems", "age", "y", "floor", *(() if self.shared else ("basis", "rank"))):
-            setattr(self, name, getattr(self, name)[kept])
-        for name in ("z", "step", "inverse"):
-            setattr(self, name, getattr(self, name)[..., kept])
+        if not self.shared:
+            self.basis, self.rank = self.basis[kept], self.rank[kept]
+        self.systems, self.age = self.systems[kept], self.age[kept]
+        self.y, self.floor = self.y[kept], self.floor[kept]
+        self.z, self.step = self.z[:, kept], self.step[:, kept]
+        self.inverse = self.inverse[..., kept]

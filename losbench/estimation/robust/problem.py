@@ -25,6 +25,7 @@ __all__ = [
     "blocks",
     "combine",
     "gram",
+    "places",
     "products",
     "project",
     "read_problem",
@@ -106,7 +107,7 @@ class Problem:
     def left_by(self, inverse: Floats, normal: Floats) -> Bools:
         """Unknowns (B, p) that weighted rows still determine."""
         p = inverse.shape[-1]
-        seen = inverse @ normal[:, _places(p)]  # the projector on what the rows can tell
+        seen = inverse @ normal[:, places(p)]  # the projector on what the rows can tell
         short = np.einsum("bii->b", seen) < p - 0.5
         left: Bools = np.ones(seen.shape[:2], dtype=bool)
         if short.any():
@@ -163,7 +164,7 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
     right, y_unit, size = _in_range(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
     middle = np.sqrt(column_unit.min(axis=1)) * np.sqrt(column_unit.max(axis=1))
     with np.errstate(over="ignore", under="ignore"):
-        x_unit = y_unit / middle
+        x_unit = y_unit / middle  # one unit for all columns: the rest of their sizes is in to_x
     if not np.isfinite(x_unit).all():
         raise ValueError(
             "y must not exceed A by a factor of 1e308 or more: the unknowns would be infinite"
@@ -224,7 +225,7 @@ def unused(rank: Ints, p: int) -> Floats:
     zero.
     """
     packed = np.zeros((len(rank), p * (p + 1) // 2))
-    packed[:, np.diagonal(_places(p))] = np.arange(p) >= rank[:, None]
+    packed[:, np.diagonal(places(p))] = np.arange(p) >= rank[:, None]
     return packed
 
 
@@ -234,12 +235,13 @@ def spd_inverse(packed: Floats, p: int) -> Floats:
     Closed form for p <= 3 while the matrix is well conditioned, pseudo-inverse by eigenvalues
     otherwise: a direction that no row determines gets a zero, never a NaN.
     """
-    place = _places(p)
+    place = places(p)
     if p > _CLOSED_FORM_COLUMNS:
         return np.asarray(
             np.linalg.pinv(packed[:, place], rcond=1e-14, hermitian=True), dtype=np.float64
         )
     adjugate, determinant, trace = _adjugate(np.ascontiguousarray(packed.T))
+    # Against the trace, so that the size of the weights has no say.
     safe = determinant > _NEARLY_SINGULAR * trace**p
     inverse = (adjugate / np.where(safe, determinant, 1.0))[place].transpose(2, 0, 1)
     if not safe.all():
@@ -254,7 +256,7 @@ def _triangle(p: int) -> Indices:
 
 
 @cache
-def _places(p: int) -> Indices:
+def places(p: int) -> Indices:
     """Where the elements of a symmetric (p, p) matrix are in its packed upper triangle."""
     first, second = np.triu_indices(p)
     places = np.empty((p, p), dtype=np.intp)
@@ -291,6 +293,7 @@ def _in_range(rows: Floats) -> tuple[Floats, Floats, Floats]:
         norm = np.sqrt(np.vecdot(rows, rows))
     if _SAFE_NORMS[0] < norm.min() and norm.max() < _SAFE_NORMS[1]:
         return rows, np.ones(rows.shape[:-1]), norm
+    # Powers of two: scaling and its way back round nothing.
     unit = np.ldexp(1.0, np.clip(np.frexp(np.abs(rows).max(axis=-1))[1], -1000, 1000))
     rows = rows / unit[..., None]
     return rows, unit, np.sqrt(np.vecdot(rows, rows))
@@ -320,6 +323,7 @@ def _by_gram_schmidt(columns: Floats, norm: Floats) -> tuple[Floats, Floats, Boo
     inverse of R grows.
     """
     count, p, n = columns.shape
+    # What is done to a column is done to the identity below it, so that in the end it holds R^-1.
     work = np.empty((p, n + p, count))  # the batch axis last: many times faster along short columns
     work[:, :n], work[:, n:] = columns.transpose(1, 2, 0), np.eye(p)[..., None]
     safe = np.ones(count, dtype=bool)

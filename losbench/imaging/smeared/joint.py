@@ -88,10 +88,11 @@ def solve_jointly(
         extra = (
             Rotation.from_rotvec(small.reshape(-1, 3)).as_matrix().reshape(images, len(since), 3, 3)
         )
+        # The turn acts on the rays after the gyro's: its matrix stands in front of the path's.
         normal, right, flux = _normal_equations(
             model, data, np.repeat(extra @ path.turns, stars, axis=0), start, since, flux
         )
-        right[:, 3:] -= known[3:] * rate
+        right[:, 3:] -= known[3:] * rate  # the prior pulls the whole rate to zero, not its step
         step, inverse = _solved(normal + np.diag(known), right)
         move = model.focal_px * np.linalg.norm(step[:, :3], axis=1)
         active = ~converged
@@ -130,12 +131,14 @@ def _normal_equations(
     )
     tracks = turned.tracks(start.reshape(-1, 2))
     place, drift = turned.gradient(tracks), turned.moments(tracks, model.share * since)
+    # Variance of the model's pixels: that of the data's own would favour dark ones.
     weight = data.weight(place.image * flux[:, None, None])
     power = np.einsum("mij,mij,mij->m", weight, place.image, place.image)
     flux = np.einsum("mij,mij,mij->m", weight, place.image, data.light) / np.where(
         power > 0, power, np.inf
     )
 
+    # One ray for a whole track: over a streak the slope by a turn changes by its length over f.
     rays = np.concatenate(
         [tracks.mean(axis=1) - model.principal_px, np.full((len(tracks), 1), model.focal_px)],
         axis=1,
