@@ -69,6 +69,15 @@ def test_white_as_zero_is_turned_and_said(tmp_path):
     assert frames.notes == ("In a.tif zero is white: its numbers are turned.",)
 
 
+def test_a_page_that_turns_black_and_white_is_refused(tmp_path):
+    path = write.tiff16(tmp_path / "a.tif", FRAMES)
+    whole, entry = path.read_bytes(), struct.pack("<HHII", 262, 4, 1, 1)
+    at = whole.rindex(entry)
+    path.write_bytes(whole[:at] + struct.pack("<HHII", 262, 4, 1, 0) + whole[at + 12 :])
+    with pytest.raises(lb.UnreadableFrame, match=r"page 5 of a.tif turns black and white"):
+        read(path)
+
+
 def test_a_page_that_does_not_say_what_zero_is_is_refused(tmp_path):
     path = write.tiff16(tmp_path / "a.tif", FRAMES)
     entry = struct.pack("<HHII", 262, 4, 1, 1)

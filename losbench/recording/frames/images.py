@@ -55,7 +55,7 @@ def open_images(paths: list[Path], name: str) -> Found:
     folder = paths[0].parent
     source = ImageFiles(folder, tuple(os.path.relpath(path, folder) for path in paths))
     kind = paths[0].suffix.lower()
-    bits, notes = facts(paths[0]) if kind in TIFF else (None, ())
+    bits, _, notes = facts(paths[0]) if kind in TIFF else (None, None, ())
     lossy = 2 if kind in _LOSSY else 0
     return Found(name=name, source=source, bits=bits, like_grey=lossy, notes=notes)
 

@@ -48,6 +48,7 @@ class Pages:
 
     path: Path
     offsets: Ints
+    white_is_zero: bool | None = None  # what the first page says, if it can be read
 
     @property
     def n_frames(self) -> int:
@@ -58,7 +59,11 @@ class Pages:
         """Return the image of one page."""
         label = self.label(k)
         with decoding(label):
-            return _image(_page(self.path, int(self.offsets[k]), k), label)
+            page = _page(self.path, int(self.offsets[k]), k)
+            said = page.photometric == _MINISWHITE if 262 in page.tags else None
+            if None not in (said, self.white_is_zero) and said != self.white_is_zero:
+                raise UnreadableFrame(f"{label} turns black and white against the first page")
+            return _image(page, label)
 
     def label(self, k: int) -> str:
         """Return the name of a page."""
@@ -72,7 +77,8 @@ def open_tiff(path: Path, *, skip: bool) -> Found:
     directories = chain.places
     if not len(directories):
         raise UnreadableFrame(f"{path.name} cannot be read: not a TIFF, or cut short")
-    source: Source = Pages(path, directories)
+    bits, white, notes = facts(path)
+    source: Source = Pages(path, directories, white)
     said: tuple[str, ...] = ()
     if not chain.whole:
         said = (f"{path.name} is cut short after page {len(directories)}",)
@@ -83,12 +89,12 @@ def open_tiff(path: Path, *, skip: bool) -> Found:
         source, said = _stack_of_one_page(path, skip=skip) or (source, said)
     if chain.reduced:
         said += (f"{path.name} holds {chain.reduced} smaller copies of pages: they are left out.",)
-    bits, notes = facts(path)
     return Found(name=path.name, source=source, bits=bits, notes=(*said, *notes))
 
 
-def facts(path: Path) -> tuple[int | None, tuple[str, ...]]:
-    """Bits of the numbers, where they are no whole bytes, and what is to be said of the first page.
+def facts(path: Path) -> tuple[int | None, bool | None, tuple[str, ...]]:
+    """Bits of the numbers, where they are no whole bytes, whether zero is white, and what is to be
+    said of the first page.
 
     Whether that page can be read is for whoever reads it.
     """
@@ -97,9 +103,10 @@ def facts(path: Path) -> tuple[int | None, tuple[str, ...]]:
             page = _page(path, int(_directories(path).places[0]), 0)
             bits = page.bitspersample if page.bitspersample % 8 else None
             turned = f"In {path.name} zero is white: its numbers are turned."
-            return bits, (turned,) if page.photometric == _MINISWHITE else ()
+            white = page.photometric == _MINISWHITE if 262 in page.tags else None
+            return bits, white, (turned,) if white else ()
     except UnreadableFrame:
-        return None, ()
+        return None, None, ()
 
 
 def single_page(path: Path, label: str) -> NDArray[Any]:
