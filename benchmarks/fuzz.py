@@ -102,6 +102,11 @@ def worker(door, first, last, seed):
     with tempfile.TemporaryDirectory() as folder:
         for name, content in beside.items():
             Path(folder, name).write_bytes(content)
+        for name in names:  # whole ones are read, and imports are not counted
+            path = Path(folder, f"whole-{name}")
+            path.write_bytes(whole[name])
+            if (outcome := judged(read, path)) != "read" and not outcome.startswith("slow"):
+                raise SystemExit(f"{name} should be read: {outcome}")
         for case in range(first, last):
             print(json.dumps([case, "began"]), flush=True)
             rng = np.random.default_rng([seed, case])

@@ -17,10 +17,10 @@ import files_of_frames as write
 FRAMES = np.random.default_rng(7).poisson(900, (4, 24, 32)).astype(np.uint16)
 
 
-def read(path):
+def read(path, **options):
     """Open, and read the first and the last frames, once stopping and once skipping."""
     for on_unreadable in ("stop", "skip"):
-        recording = lb.read_recording(path, on_unreadable=on_unreadable)
+        recording = lb.read_recording(path, on_unreadable=on_unreadable, **options)
         last = recording.n_frames
         for stamp in recording.stamps[:4]:
             for first in sorted({0, max(0, last - 2)}):
@@ -68,8 +68,8 @@ def _fits(folder):
     cube.header.update({"CTYPE3": "TIME", "BLANK": -5})
     cube.writeto(folder / "a.fits")
     extensions = [fits.ImageHDU(frame, name=name) for frame in FRAMES[:2] for name in ("SCI", "DQ")]
-    for extension in extensions:
-        extension.header["DATE-OBS"] = "2026-03-01T12:00:00"
+    for k, extension in enumerate(extensions):
+        extension.header["DATE-OBS"] = f"2026-03-01T12:00:0{k}"
     fits.HDUList([fits.PrimaryHDU(), *extensions]).writeto(folder / "b.fits")
     fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(FRAMES)]).writeto(folder / "c.fits.fz")
     (folder / "d.fits.gz").write_bytes(gzip.compress((folder / "a.fits").read_bytes()))
@@ -135,9 +135,14 @@ def _made(writer):
     return whole, beside
 
 
+def read_video(path):
+    """Lossy colours of a grey image differ: one channel is named."""
+    read(path, channel="green")
+
+
 # A door: how its whole files are made, and what reads one.
 DOORS = {
-    name: (lambda writer=writer: _made(writer), read)
+    name: (lambda writer=writer: _made(writer), read_video if writer is _video else read)
     for name, writer in {
         "tiff": _tiff,
         "image": _image,
