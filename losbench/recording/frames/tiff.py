@@ -206,7 +206,7 @@ def _image(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
     plain = page.compression == _PLAIN and page.fillorder == 1 and page.predictor == 1
     if page.axes == "YX" and plain and not page.is_tiled and 8 < bits < 16:
         image = _packed_strips(page)
-    elif page.axes == "YX" and page.compression == _LZW and bits in (8, 16):
+    elif page.compression == _LZW and _opencv_reads(page):
         image = _by_opencv(page, label)
     else:
         image = _by_tifffile(page)
@@ -217,14 +217,21 @@ def _image(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
     return native(image)
 
 
+def _opencv_reads(page: tifffile.TiffPage) -> bool:
+    """Whether OpenCV gives the numbers of an LZW page as they are: grey or RGB, whole bytes."""
+    samples = 1 if page.axes == "YX" else page.samplesperpixel
+    kind = (page.bitspersample, page.sampleformat)
+    return page.axes != "SYX" and samples in (1, 3) and kind in ((8, 1), (16, 1), (32, 3))
+
+
 def _by_tifffile(page: tifffile.TiffPage) -> NDArray[Any]:
     try:
         return page.asarray(maxworkers=1)
     except (ImportError, ValueError, NotImplementedError) as error:
-        if "imagecodecs" not in str(error):
+        if not isinstance(error, ImportError) and "imagecodecs" not in str(error):
             raise
         raise ImportError(
-            f"{page.parent.filename} is a TIFF of compression {page.compression:d} with "
+            f"{Path(page.parent.filename).name} is a TIFF of compression {page.compression:d} with "
             f"{page.bitspersample} bits, which needs more decoders: pip install 'losbench[tiff]'"
         ) from None
 
@@ -256,8 +263,11 @@ def _by_opencv(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
         segments.append(file.read(count))
     order = page.parent.byteorder
     places = 8 + np.cumsum([0, *map(len, segments)])
-    tags = {256: [page.imagewidth], 257: [page.imagelength], 258: [page.bitspersample]}
-    tags |= {259: [_LZW], 262: [1], 277: [1], 317: [page.predictor], 339: [page.sampleformat]}
+    samples = 1 if page.axes == "YX" else page.samplesperpixel
+    each = (page.bitspersample, page.sampleformat)
+    tags = {256: [page.imagewidth], 257: [page.imagelength], 259: [_LZW], 317: [page.predictor]}
+    tags |= {258: [each[0]] * samples, 339: [each[1]] * samples, 277: [samples]}
+    tags |= {262: [1 if samples == 1 else 2]}
     if page.is_tiled:
         tags |= {322: [page.tilewidth], 323: [page.tilelength], 324: list(places[:-1])}
         tags |= {325: list(map(len, segments))}
@@ -279,7 +289,7 @@ def _by_opencv(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
         image = cv2.imdecode(np.frombuffer(whole, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.shape != page.shape:
         raise UnreadableFrame(f"{label} cannot be read: its LZW data is damaged")
-    return image
+    return image if samples == 1 else image[..., ::-1]  # OpenCV puts blue first
 
 
 def _stack_of_one_page(path: Path, *, skip: bool) -> tuple[Contiguous, tuple[str, ...]] | None:
