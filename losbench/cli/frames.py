@@ -43,7 +43,7 @@ def add_frames(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--name-times",
         metavar="PATTERN",
-        help="times stand in the files' names, e.g. %%Y%%m%%d_%%H%%M%%S",
+        help="times stand in the files' names, e.g. %%Y%%m%%d_%%H%%M%%S; see --utc-offset",
     )
     group.add_argument(
         "--unreadable",
@@ -80,6 +80,7 @@ def recording_of(
         period_s=options.period_s,
         start=options.start,
         name_times=options.name_times,
+        utc_offset=options.utc_offset if options.name_times else None,
         on_unreadable=options.unreadable,
         channel=_channel(options.channel),
         dataset=options.dataset,

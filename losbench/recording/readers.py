@@ -90,6 +90,7 @@ def read_recording(
     period_s: float | None = None,
     start: str | None = None,
     name_times: str | None = None,
+    utc_offset: float | str | None = None,
     on_unreadable: str = "stop",
     channel: str | int | None = None,
     dataset: str | None = None,
@@ -119,7 +120,9 @@ def read_recording(
         ISO 8601 UTC time of the first frame, with ``period_s``.
     name_times : str, optional
         Pattern of the times in the files' names, as ``"%Y%m%d_%H%M%S"``; taken as UTC unless it
-        holds %z.
+        holds %z, or ``utc_offset`` says otherwise.
+    utc_offset : float or str, optional
+        Hours of those times east of UTC, or their zone as "Europe/Berlin".
     on_unreadable : "stop" or "skip"
         What a broken frame, or one of another size, does: stop with its name, or leave a gap in the
         series.
@@ -187,7 +190,12 @@ def read_recording(
     else:
         stamps = tuple(_stamp(frames, len(found)) for frames in found)
     first = found[0]
-    clock, said = _clock(first, times, period_s, start, name_times)
+    if name_times is None:
+        if utc_offset is not None:
+            raise ValueError("utc_offset goes with name_times: times of a CSV are read by its own")
+        clock, said = _clock(first, times, period_s, start)
+    else:
+        clock, said = _clock_of_names(first, name_times, utc_offset)
     return Recording(
         source=Path("memory") if isinstance(path, np.ndarray) else _shown(path),
         n_frames=first.n_frames,
@@ -214,21 +222,26 @@ def _clock(
     times: str | Path | FrameTimes | None,
     period_s: float | None,
     start: str | None,
-    name_times: str | None,
 ) -> tuple[FrameTimes | None, tuple[str, ...]]:
-    """Return the frames' times: those given, those in the names, or the files' own."""
+    """Return the frames' times: those given, or the files' own."""
     names = _names(frames)
-    if name_times is not None:
-        if names is None:
-            raise ValueError("name_times is for files of one frame each")
-        said = () if "%z" in name_times else ("Times in the files' names are taken as UTC.",)
-        return increasing(times_in_names(names, name_times), "names of the files"), said
     if times is None and period_s is None and frames.time_s is not None and start is None:
         own = FrameTimes(frames.time_s, frames.start)
         return increasing(own, f"times of {frames.name}"), ()
     clock = read_times(times, frames.n_frames, period_s=period_s, start=start)
     jumps = () if names is None or times is not None else jump_in_names([Path(n) for n in names])
     return clock, jumps
+
+
+def _clock_of_names(
+    frames: Frames, pattern: str, utc_offset: float | str | None
+) -> tuple[FrameTimes, tuple[str, ...]]:
+    names = _names(frames)
+    if names is None:
+        raise ValueError("name_times is for files of one frame each")
+    times = increasing(times_in_names(names, pattern, utc_offset), "names of the files")
+    said = "Times in the files' names are taken as UTC (utc_offset says otherwise)."
+    return times, (said,) if times.assumed_utc else ()
 
 
 def _names(frames: Frames) -> list[str] | None:

@@ -106,7 +106,9 @@ def test_times_stand_in_names(tmp_path):
     recording = lb.read_recording(named(tmp_path / "f", names), name_times="%Y%m%d_%H%M%S")
     assert recording.times.seconds.tolist() == [0, 5, 10]
     assert recording.times.start == np.datetime64("2026-03-01T12:00:00")
-    assert recording.notes == ("Times in the files' names are taken as UTC.",)
+    assert recording.notes == (
+        "Times in the files' names are taken as UTC (utc_offset says otherwise).",
+    )
     with pytest.raises(
         ValueError,
         match="name_times must fit the name of every file: cam1_20260301_120000.png has no x%j",
@@ -129,6 +131,21 @@ def test_fractions_and_offsets_in_names_are_understood():
     )
     assert times.seconds.tolist() == [0, 1.25]
     assert times.start == np.datetime64("2026-03-01T12:00:00.250")
+
+
+@pytest.mark.parametrize(("offset", "utc"), [(1, "11"), ("-3.5", "15"), ("Europe/Berlin", "10")])
+def test_local_times_in_names_have_an_offset(tmp_path, offset, utc):
+    """Berlin keeps summer time in July."""
+    names = [f"20260701_12{m:02d}00.png" for m in range(3)]
+    folder = named(tmp_path / "f", names)
+    recording = lb.read_recording(folder, name_times="%Y%m%d_%H%M%S", utc_offset=offset)
+    minutes = "30" if offset == "-3.5" else "00"
+    assert recording.times.start == np.datetime64(f"2026-07-01T{utc}:{minutes}:00")
+    assert recording.notes == ()
+    with pytest.raises(ValueError, match="utc_offset goes with name_times"):
+        lb.read_recording(folder, utc_offset=1)
+    with pytest.raises(ValueError, match="utc_offset must be"):
+        lb.read_recording(folder, name_times="%Y%m%d_%H%M%S", utc_offset="Nowhere/Town")
 
 
 # Readers of one's own

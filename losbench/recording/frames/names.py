@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
 from losbench.logs import FrameTimes
+from losbench.tables.dialect import Dialect
 
 __all__ = ["belonging", "in_natural_order", "jump_in_names", "times_in_names"]
 
@@ -90,8 +92,11 @@ def jump_in_names(files: list[Path]) -> tuple[str, ...]:
     )
 
 
-def times_in_names(names: list[str], pattern: str) -> FrameTimes:
-    """Return the times that names of files hold, by a pattern of strptime's directives.
+def times_in_names(
+    names: list[str], pattern: str, utc_offset: float | str | None = None
+) -> FrameTimes:
+    """Return the times that names of files hold, by a pattern of strptime's directives; local ones
+    by their offset from UTC in hours, or their zone.
 
     >>> times = times_in_names(
     ...     ["cam_20260301_120000.png", "cam_20260301_120005.png"], "%Y%m%d_%H%M%S"
@@ -107,6 +112,13 @@ def times_in_names(names: list[str], pattern: str) -> FrameTimes:
             f"name_times must be a pattern of {known}, e.g. %Y%m%d_%H%M%S, got {pattern!r}"
         )
     form = "".join(_DIRECTIVES[part] if k % 2 else re.escape(part) for k, part in enumerate(parts))
+    zone = Dialect(utc_offset=utc_offset).zone
+    try:
+        local = ZoneInfo(zone) if isinstance(zone, str) else timezone(timedelta(hours=zone or 0))
+    except (KeyError, OSError, ValueError) as error:  # as zoneinfo raises them
+        raise ValueError(
+            f"utc_offset must be hours or a zone as 'Europe/Berlin', got {utc_offset!r}"
+        ) from error
     stamps = []
     for name in names:
         found = re.search(rf"(?<!\d){form}(?!\d)", name)
@@ -116,8 +128,9 @@ def times_in_names(names: list[str], pattern: str) -> FrameTimes:
             at = None
         if at is None:
             raise ValueError(f"name_times must fit the name of every file: {name} has no {pattern}")
-        if at.tzinfo is not None:
-            at = at.astimezone(UTC).replace(tzinfo=None)
+        at = at.replace(tzinfo=local) if at.tzinfo is None else at
+        at = at.astimezone(UTC).replace(tzinfo=None)
         stamps.append(np.datetime64(at, "us"))
     array = np.array(stamps)
-    return FrameTimes((array - array[0]) / np.timedelta64(1, "us") * 1e-6, array[0])
+    seconds = (array - array[0]) / np.timedelta64(1, "us") * 1e-6
+    return FrameTimes(seconds, array[0], zone is None and "%z" not in pattern)
