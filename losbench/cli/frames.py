@@ -43,7 +43,10 @@ def add_frames(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--name-times",
         metavar="PATTERN",
-        help="times stand in the files' names, e.g. %%Y%%m%%d_%%H%%M%%S; see --utc-offset",
+        help="times stand in the files' names, e.g. %%Y%%m%%d_%%H%%M%%S",
+    )
+    group.add_argument(
+        "--name-utc-offset", metavar="HOURS|ZONE", help="of these times; default UTC, and said so"
     )
     group.add_argument(
         "--unreadable",
@@ -80,7 +83,7 @@ def recording_of(
         period_s=options.period_s,
         start=options.start,
         name_times=options.name_times,
-        utc_offset=options.utc_offset if options.name_times else None,
+        utc_offset=options.name_utc_offset,
         on_unreadable=options.unreadable,
         channel=_channel(options.channel),
         dataset=options.dataset,

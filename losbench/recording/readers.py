@@ -240,7 +240,7 @@ def _clock_of_names(
     if names is None:
         raise ValueError("name_times is for files of one frame each")
     times = increasing(times_in_names(names, pattern, utc_offset), "names of the files")
-    said = "Times in the files' names are taken as UTC (utc_offset says otherwise)."
+    said = "Times in the files' names are taken as UTC (--name-utc-offset says otherwise)."
     return times, (said,) if times.assumed_utc else ()
 
 

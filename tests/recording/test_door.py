@@ -107,7 +107,7 @@ def test_times_stand_in_names(tmp_path):
     assert recording.times.seconds.tolist() == [0, 5, 10]
     assert recording.times.start == np.datetime64("2026-03-01T12:00:00")
     assert recording.notes == (
-        "Times in the files' names are taken as UTC (utc_offset says otherwise).",
+        "Times in the files' names are taken as UTC (--name-utc-offset says otherwise).",
     )
     with pytest.raises(
         ValueError,
