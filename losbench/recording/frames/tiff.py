@@ -37,6 +37,7 @@ _PLAIN, _LZW = 1, 5
 _MINISWHITE = 0
 _COUNTS = (_MINISWHITE, 1, 2, 32803, 34892)  # black as zero, RGB, a Bayer pattern, linear raw
 _JPEG = (6, 7)
+_HEAD_BYTES = 8  # of a classic TIFF
 _REDUCED = 1  # in tag 254, a smaller copy of another page
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # faults come as errors
@@ -188,6 +189,8 @@ def _page(path: Path, offset: int, k: int) -> tifffile.TiffPage:
     # Where nothing is stored tifffile gives zeros, and what is cut short it fills up with them.
     if not places or any(not begin or not n or begin + n > size for begin, n in places):
         raise UnreadableFrame(f"page {k} of {path.name} cannot be read: cut short?")
+    if sum(page.databytecounts) > size:
+        raise UnreadableFrame(f"page {k} of {path.name} cannot be read: its strips overlap")
     fits_in(f"page {k} of {path.name}", int(page.nbytes), size)
     return page
 
@@ -257,23 +260,19 @@ def _by_opencv(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
     """Decode LZW, which tifffile leaves to an extra, by making a file of one page for OpenCV."""
     import cv2
 
-    file, segments = page.parent.filehandle, []
-    for begin, count in zip(page.dataoffsets, page.databytecounts, strict=True):
-        file.seek(begin)
-        segments.append(file.read(count))
-    order = page.parent.byteorder
-    places = 8 + np.cumsum([0, *map(len, segments)])
+    data, places = _segments(page)
+    order, counts = page.parent.byteorder, list(page.databytecounts)
     samples = 1 if page.axes == "YX" else page.samplesperpixel
     each = (page.bitspersample, page.sampleformat)
     tags = {256: [page.imagewidth], 257: [page.imagelength], 259: [_LZW], 317: [page.predictor]}
     tags |= {258: [each[0]] * samples, 339: [each[1]] * samples, 277: [samples]}
     tags |= {262: [1 if samples == 1 else 2]}
     if page.is_tiled:
-        tags |= {322: [page.tilewidth], 323: [page.tilelength], 324: list(places[:-1])}
-        tags |= {325: list(map(len, segments))}
+        tags |= {322: [page.tilewidth], 323: [page.tilelength], 324: places, 325: counts}
     else:
-        tags |= {273: list(places[:-1]), 278: [page.rowsperstrip], 279: list(map(len, segments))}
-    entries, beyond = b"", int(places[-1]) + 2 + 12 * len(tags) + 4
+        tags |= {273: places, 278: [page.rowsperstrip], 279: counts}
+    at = _HEAD_BYTES + len(data)
+    entries, beyond = b"", at + 2 + 12 * len(tags) + 4
     lists = b""
     for tag, values in sorted(tags.items()):
         packed = struct.pack(f"{order}{len(values)}I", *map(int, values))
@@ -282,14 +281,31 @@ def _by_opencv(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
             where = struct.pack(f"{order}I", beyond + len(lists))
             lists += packed
         entries += struct.pack(f"{order}HHI", tag, 4, len(values)) + where
-    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", int(places[-1]))
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", at)
     directory = struct.pack(f"{order}H", len(tags)) + entries + struct.pack(f"{order}I", 0)
-    whole = b"".join([head, *segments, directory, lists])
+    whole = b"".join([head, data, directory, lists])
     with quiet_opencv():
         image = cv2.imdecode(np.frombuffer(whole, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.shape != page.shape:
         raise UnreadableFrame(f"{label} cannot be read: its LZW data is damaged")
     return image if samples == 1 else image[..., ::-1]  # OpenCV puts blue first
+
+
+def _segments(page: tifffile.TiffPage) -> tuple[bytes, list[int]]:
+    """Return the strips or tiles of a page, and where each begins in a file of its own; by one read
+    where they lie together.
+    """
+    file, begins = page.parent.filehandle, np.array(page.dataoffsets)
+    counts = np.array(page.databytecounts)
+    first, span = int(begins.min()), int((begins + counts).max() - begins.min())
+    if span <= 2 * counts.sum():
+        file.seek(first)
+        return file.read(span), (begins - first + _HEAD_BYTES).tolist()
+    parts = []
+    for begin, count in zip(begins.tolist(), counts.tolist(), strict=True):
+        file.seek(begin)
+        parts.append(file.read(count))
+    return b"".join(parts), (_HEAD_BYTES + np.cumsum([0, *counts[:-1]])).tolist()
 
 
 def _stack_of_one_page(path: Path, *, skip: bool) -> tuple[Contiguous, tuple[str, ...]] | None:
