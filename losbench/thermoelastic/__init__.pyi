@@ -12,6 +12,8 @@ from .model import MATERIAL_SETS as MATERIAL_SETS
 from .model import example_camera as example_camera
 from .model import orbit_loads as orbit_loads
 from .model import read_camera_model as read_camera_model
+from .reduced import ReducedHeat as ReducedHeat
+from .reduced import prepared_camera as prepared_camera
 from .structure import Box as Box
 from .structure import Face as Face
 from .structure import Foot as Foot

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.linalg import eigh
@@ -11,9 +12,12 @@ from scipy.sparse.linalg import splu
 
 from losbench.arrays import Floats
 from losbench.checks import positive, shaped
+from losbench.thermoelastic.camera import ThermoelasticCamera
 from losbench.thermoelastic.heat import Heat, HeatModes
+from losbench.thermoelastic.loads import Flux, Power
+from losbench.thermoelastic.model import example_camera
 
-__all__ = ["ReducedHeat"]
+__all__ = ["ReducedHeat", "prepared_camera"]
 
 
 @dataclass(frozen=True)
@@ -115,3 +119,22 @@ class ReducedHeat:
         return HeatModes(
             rates, self.basis @ turn, push, np.zeros((len(self.basis), gains.shape[1]))
         )
+
+
+@cache
+def prepared_camera(materials: str) -> tuple[ThermoelasticCamera, ReducedHeat]:
+    """Return the example camera of one of the `MATERIAL_SETS` with its heat reduced, made once.
+
+    Loads beside room, draught and table: ``sun_W_per_m2``, absorbed by the +x wall, and
+    ``electronics_W`` in the focal plane.
+
+    Examples
+    --------
+    >>> camera, reduced = prepared_camera("Invar + Zerodur")
+    >>> reduced.heat.inputs
+    ('room_degC', 'sun_W_per_m2', 'electronics_W')
+    """
+    room = example_camera(materials)
+    more = (Flux("sun_W_per_m2", 1.0, "wall+", "+x"), Power("electronics_W", "FP"))
+    camera = replace(room, loads=(*room.loads, *more))
+    return camera, ReducedHeat.of(camera.heat, camera.heat_modes)

@@ -29,6 +29,7 @@ from losbench.workbench.explorers import (
     MonteCarloExplorer,
     StarCameraExplorer,
     ThermalExplorer,
+    ThermoelasticExplorer,
     base,
     lab,
 )
@@ -49,6 +50,7 @@ EXPLORERS = [
     MonteCarloExplorer,
     StarCameraExplorer,
     ThermalExplorer,
+    ThermoelasticExplorer,
 ]
 SCENES = [thing for thing in vars(lab).values() if isinstance(thing, type)]
 ALL = [*EXPLORERS, *SCENES]
@@ -208,6 +210,11 @@ RESULT = {
         n["seen"]["fits"]["IRLS"].k_arcsec_per_degC,
         ".3f",
         "sensitivity, IRLS",
+    ),
+    ThermoelasticExplorer: lambda n: (
+        n["seen"]["angles_arcsec"],
+        ".3f",
+        "line of sight at the end",
     ),
 }
 

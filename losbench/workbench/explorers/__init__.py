@@ -6,6 +6,7 @@ from losbench.workbench.explorers.irls import IRLSExplorer
 from losbench.workbench.explorers.montecarlo import MonteCarloExplorer
 from losbench.workbench.explorers.starcamera import StarCameraExplorer
 from losbench.workbench.explorers.thermal import ThermalExplorer
+from losbench.workbench.explorers.thermoelastic import ThermoelasticExplorer
 
 __all__ = [
     "CentroidExplorer",
@@ -14,4 +15,5 @@ __all__ = [
     "MonteCarloExplorer",
     "StarCameraExplorer",
     "ThermalExplorer",
+    "ThermoelasticExplorer",
 ]
