@@ -103,6 +103,24 @@ def test_angles_are_those_that_spots_in_the_pinhole_give(camera, run):
     np.testing.assert_allclose(run.angles_rad, turned, atol=1e-12)
 
 
+@pytest.mark.slow
+def test_a_finer_mesh_moves_the_small_uniform_answer_by_four_percent_and_gradients_hardly(
+    camera, run
+):
+    fine = dataclasses.replace(
+        camera, structure=dataclasses.replace(camera.structure, cell_mm=15.0)
+    )
+    finer = fine.simulate(TIME, ROOM)
+    alpha, focus = (
+        np.ptp(getattr(finer, name), axis=0)[0] / np.ptp(getattr(run, name), axis=0)[0]
+        for name in ("angles_rad", "focus_um")
+    )
+    assert 0.95 < alpha < 0.97
+    assert 0.985 < focus < 0.995
+    gradients = [each.los_map[0] @ each.structure.mesh.p[0] for each in (camera, fine)]
+    assert gradients[1] == pytest.approx(gradients[0], rel=1e-3)
+
+
 def test_an_orbit_warms_the_sunny_side():
     camera = example_camera(loads=orbit_loads(emissivity=0.03))
     assert sorted(camera.heat.inputs) == ["earth_W_per_m2", "electronics_W", "sun_W_per_m2"]
