@@ -51,7 +51,8 @@ def from_table(
     given = {key: value for key, value in table.items() if key not in set(ignore)}
     unknown = sorted(set(given) - set(known))
     if unknown:
-        raise ValueError(f"{where}: unknown key {', '.join(unknown)}; known are {', '.join(known)}")
+        named = ", ".join(unknown)[:100]
+        raise ValueError(f"{where}: unknown key {named}; known are {', '.join(known)}")
     needed = [
         name for name, f in known.items() if f.default is MISSING and f.default_factory is MISSING
     ]
@@ -60,8 +61,8 @@ def from_table(
         raise ValueError(f"{where}: key {', '.join(missing)} is missing")
     try:
         return kind(**given)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{where}: {error}") from None
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{where}: {str(error)[:300]}") from None
 
 
 def to_table(record: Any) -> str:

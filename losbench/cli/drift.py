@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from losbench.cli.arguments import Commands, add_dialect, dialect_options
+
+if TYPE_CHECKING:
+    from losbench.pointing.starcamera import QuaternionConvention
 
 __all__ = ["add"]
 
@@ -18,7 +23,11 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         help="take boresight drift out of a star-camera pair's quaternions",
     )
     parser.add_argument(
-        "telemetry", type=Path, help="CSV: times, quaternions of two heads, spot positions"
+        "telemetry",
+        type=Path,
+        nargs="+",
+        help="CSV: times, quaternions of two heads or more, spot positions if there are any; "
+        "or a file for each head",
     )
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument(
@@ -29,6 +38,14 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="TOML",
         help="names and conventions; default the CSV's name with .toml",
+    )
+    parser.add_argument(
+        "--convention",
+        metavar="SCALAR,DIRECTION",
+        help="of the quaternions, e.g. first,camera_to_inertial; default as the TOML says",
+    )
+    parser.add_argument(
+        "--heads", default="1,2", metavar="J,K", help="which two, of more (%(default)s)"
     )
     parser.add_argument(
         "--smooth-s", type=float, help="average the drift over so many seconds before it corrects"
@@ -62,6 +79,8 @@ def _run(options: argparse.Namespace) -> int:
         options.telemetry,
         options.out,
         columns=options.columns,
+        convention=_convention(options.convention),
+        heads=_heads(options.heads),
         smooth_s=options.smooth_s,
         window=options.window,
         track_gap_s=options.track_gap_s,
@@ -72,3 +91,19 @@ def _run(options: argparse.Namespace) -> int:
     if not options.quiet:
         print(report.summary())
     return 0
+
+
+def _convention(text: str | None) -> QuaternionConvention | None:
+    from losbench.pointing.starcamera import QuaternionConvention
+
+    if text is None:
+        return None
+    scalar, _, direction = text.partition(",")
+    return QuaternionConvention(scalar=scalar, direction=direction)  # type: ignore[arg-type]
+
+
+def _heads(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"([1-4]),([1-4])", text)
+    if found is None or found[1] == found[2]:
+        raise ValueError(f"--heads must be two different numbers such as 1,3, got {text!r}")
+    return int(found[1]), int(found[2])

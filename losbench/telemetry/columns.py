@@ -15,6 +15,7 @@ from losbench.pointing.starcamera import QuaternionConvention
 
 __all__ = ["HeadColumns", "TelemetryFormat"]
 
+_HEADS = ("head_1", "head_2", "head_3", "head_4")
 _UNITS_MM = {"mm": 1.0, "um": 1e-3, "px": None}
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -27,8 +28,8 @@ class HeadColumns:
     ----------
     quaternion : four column names
         In the order that `TelemetryFormat.scalar` says.
-    spots : pairs of column names
-        x and y of each reference spot; two spots or more.
+    spots : pairs of column names, optional
+        x and y of each reference spot, two spots or more; without them no drift is known.
     reference : pairs of numbers, unit of the spots, optional
         Where the spots are without drift; by default their mean over the first track.
     installation : (3, 3)
@@ -36,34 +37,43 @@ class HeadColumns:
     """
 
     quaternion: tuple[str, ...]
-    spots: tuple[tuple[str, str], ...]
+    spots: tuple[tuple[str, str], ...] = ()
     reference: tuple[tuple[float, float], ...] = ()
     installation: tuple[tuple[float, ...], ...] = _IDENTITY
 
     def __post_init__(self) -> None:
         if len(self.quaternion) != 4:
             raise ValueError(f"quaternion must name four columns, got {len(self.quaternion)}")
-        if len(self.spots) < 2 or any(len(pair) != 2 for pair in self.spots):
+        if len(self.spots) == 1 or any(len(pair) != 2 for pair in self.spots):
             raise ValueError("spots must name two columns, x and y, for each of two spots or more")
         if self.reference and np.shape(self.reference) != (len(self.spots), 2):
             raise ValueError(f"reference must have x and y of {len(self.spots)} spots")
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all its columns."""
+        return (*self.quaternion, *(x for xy in self.spots for x in xy))
+
 
 @dataclass(frozen=True, kw_only=True)
 class TelemetryFormat:
-    """What the columns of a pair's telemetry mean; nothing about a quaternion is guessed.
+    """What the columns of the telemetry of two heads or more mean.
+
+    Heads whose quaternions have the same names stand in a file each.
 
     Parameters
     ----------
     time : one or two column names
         Seconds, or ISO 8601 UTC. Two where each head has its own clock: the second head is
         interpolated.
-    scalar, direction
-        As for `QuaternionConvention`.
-    design_angle_deg : float
-        Angle between the boresights as built, by which a mixed-up convention is noticed.
-    focal_mm : float
-        Focal length of the star cameras.
+    scalar, direction : str, optional
+        As for `QuaternionConvention`; without them what the telemetry speaks for is proposed, and
+        nothing is read.
+    design_angle_deg : float, optional
+        Angle between the boresights of the first two heads as built, by which a mixed-up convention
+        is noticed.
+    focal_mm : float, optional
+        Focal length of the star cameras, which spots need.
     spot_unit : "mm", "um" or "px"
         Unit of the spot positions; "px" needs ``pixel_um``.
     principal : (float, float)
@@ -74,17 +84,19 @@ class TelemetryFormat:
         Standard deviation of a spot position, for the drift's uncertainty.
     boresight : (float, float, float)
         Line of sight in the axes of the attitude.
-    head_1, head_2 : HeadColumns
-        The two heads.
+    head_1, head_2, head_3, head_4 : HeadColumns
+        The heads, the last two if there are so many.
     """
 
     time: str | tuple[str, ...]
-    scalar: Any
-    direction: Any
-    design_angle_deg: float
-    focal_mm: float
+    scalar: Any = None
+    direction: Any = None
+    design_angle_deg: float | None = None
+    focal_mm: float | None = None
     head_1: HeadColumns
     head_2: HeadColumns
+    head_3: HeadColumns | None = None
+    head_4: HeadColumns | None = None
     spot_unit: str = "mm"
     principal: tuple[float, float] = (0.0, 0.0)
     pixel_um: float | None = None
@@ -92,21 +104,29 @@ class TelemetryFormat:
     boresight: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        QuaternionConvention(scalar=self.scalar, direction=self.direction)
-        if len(self.clocks) not in (1, 2):
+        if (self.scalar is None) != (self.direction is None):
+            raise ValueError("scalar and direction make a convention together, got one of them")
+        _ = self.convention
+        if len(self.clocks) not in (1, len(self.heads)):
             raise ValueError(
                 f"time must name one column, or one for each head, got {len(self.clocks)}"
             )
-        number("design_angle_deg", self.design_angle_deg, low=0.0, high=180.0)
-        positive("focal_mm", number("focal_mm", self.focal_mm))
+        if self.design_angle_deg is not None:
+            number("design_angle_deg", self.design_angle_deg, low=0.0, high=180.0)
+        if self.focal_mm is not None:
+            positive("focal_mm", number("focal_mm", self.focal_mm))
+        elif self.head_1.spots:
+            raise ValueError("key focal_mm is missing, by which spots tell of angles")
         if choice("spot_unit", self.spot_unit, _UNITS_MM) == "px" and self.pixel_um is None:
             raise ValueError("spot_unit 'px' needs pixel_um")
-        if len(self.head_1.spots) != len(self.head_2.spots):
-            raise ValueError("both heads must have equally many spots")
+        if len({len(head.spots) for head in self.heads}) > 1:
+            raise ValueError("all heads must have equally many spots")
         if np.shape(self.boresight) != (3,) or not np.any(self.boresight):
             raise ValueError(
                 f"boresight must be a direction of three numbers, got {self.boresight}"
             )
+        if self.a_file_each:
+            return
         twice = [name for name, count in Counter(self.columns).items() if count > 1]
         if twice:
             raise ValueError(
@@ -119,21 +139,26 @@ class TelemetryFormat:
         return (self.time,) if isinstance(self.time, str) else tuple(self.time)
 
     @property
-    def columns(self) -> list[str]:
-        """Names of all columns: clocks, then quaternion and spots of each head."""
-        heads = (self.head_1, self.head_2)
-        return [
-            *self.clocks,
-            *(
-                c
-                for head in heads
-                for c in (*head.quaternion, *(x for xy in head.spots for x in xy))
-            ),
-        ]
+    def heads(self) -> tuple[HeadColumns, ...]:
+        """The heads that there are."""
+        every = (self.head_1, self.head_2, self.head_3, self.head_4)
+        return tuple(head for head in every if head is not None)
 
     @property
-    def convention(self) -> QuaternionConvention:
-        """The quaternions' order and direction."""
+    def a_file_each(self) -> bool:
+        """Whether the heads have the same names, so that each stands in a file of its own."""
+        return all(head.quaternion == self.head_1.quaternion for head in self.heads)
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of all columns: clocks, then quaternion and spots of each head."""
+        return [*self.clocks, *(c for head in self.heads for c in head.columns)]
+
+    @property
+    def convention(self) -> QuaternionConvention | None:
+        """The quaternions' order and direction, where they are named."""
+        if self.scalar is None:
+            return None
         return QuaternionConvention(scalar=self.scalar, direction=self.direction)
 
     @property
@@ -151,7 +176,9 @@ class TelemetryFormat:
         wrong.
         """
         table = read_toml(path)
-        for head in ("head_1", "head_2"):
+        for head in _HEADS:
+            if head in _HEADS[2:] and head not in table:
+                continue
             if not isinstance(table.get(head), dict):
                 raise ValueError(f"{path}: table [{head}] is missing")
             table[head] = from_table(HeadColumns, table[head], where=f"{path}: [{head}]")
@@ -159,13 +186,14 @@ class TelemetryFormat:
 
     def to_toml(self) -> str:
         """Return the format as TOML that :meth:`from_toml` reads."""
-        heads = ("head_1", "head_2")
-        plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in heads}
+        plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _HEADS}
         top = [f"{name} = {_toml(value)}" for name, value in plain.items() if value is not None]
         return (
             "# Columns and conventions of a pair's telemetry, for `losbench drift`.\n"
             + "\n".join(top)
-            + "".join(f"\n\n[{h}]\n{to_table(getattr(self, h))}" for h in heads)
+            + "".join(
+                f"\n\n[{h}]\n{to_table(head)}" for h, head in zip(_HEADS, self.heads, strict=False)
+            )
             + "\n"
         )
 

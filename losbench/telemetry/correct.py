@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -11,13 +12,25 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Floats, Ints
 from losbench.checks import integer
-from losbench.pointing.starcamera import CorrectedPair, correct_pair
+from losbench.pointing.starcamera import (
+    CorrectedPair,
+    PairTelemetry,
+    QuaternionConvention,
+    boresight_angle,
+    correct_pair,
+)
 from losbench.resources import free_folder, write_whole
 from losbench.series import split_tracks
 from losbench.tables.dialect import Dialect, DialectOptions
 from losbench.tables.moments import utc_after
 from losbench.telemetry.columns import TelemetryFormat
-from losbench.telemetry.notes import change_notes, clock_notes, head_notes, slow_notes
+from losbench.telemetry.notes import (
+    change_notes,
+    clock_notes,
+    head_notes,
+    missing_notes,
+    slow_notes,
+)
 from losbench.telemetry.read import Telemetry, read_telemetry
 from losbench.telemetry.tracks import short_notes, track_lines, track_table
 from losbench.units import rad_to_arcsec
@@ -38,10 +51,13 @@ class PairReport:
     Attributes
     ----------
     telemetry, pair : Telemetry, CorrectedPair
-        What went in, and what the chain made of it.
+        What went in, and what the chain made of it; None for the latter where no spots tell of a
+        drift.
+    zero_deg, designed : float, bool
+        The angle that others are counted from, and whether it is that of the design or the median.
     angle : DataFrame
-        One row per sample: time_s, track, angle before and after less the design angle, drift of
-        both heads, arcsec.
+        One row per sample: time_s, track, angle before and after less ``zero_deg``, drift of both
+        heads, arcsec; without spots only before.
     tracks : DataFrame
         One row per track: means with their one-sigma errors, and total, LSFE and NEA before and
         after (3 sigma, arcsec; the paper's and unbiased forms with one-sigma uncertainties). NaN
@@ -51,18 +67,20 @@ class PairReport:
     """
 
     telemetry: Telemetry
-    pair: CorrectedPair
+    pair: CorrectedPair | None
+    zero_deg: float
+    designed: bool
     angle: pd.DataFrame
     tracks: pd.DataFrame
     notes: tuple[str, ...]
 
     def summary(self) -> str:
         """Return the report as text: every track in a line, then the notes."""
-        return "\n".join([*track_lines(self.tracks), *self.notes])
+        return "\n".join([*track_lines(self.tracks, self.zero_deg), *self.notes])
 
     def write(self, folder: Path) -> None:
-        """Write ``corrected.csv``, ``angle.csv``, ``tracks.csv``, ``angle.png``, ``drift.png`` and
-        ``report.txt``.
+        """Write ``angle.csv``, ``tracks.csv``, ``angle.png``, ``report.txt``, and with spots
+        ``corrected.csv`` and ``drift.png``.
         """
         from losbench.figures import png, styled
         from losbench.telemetry.pictures import angle_figure, drift_figure
@@ -70,32 +88,36 @@ class PairReport:
         time = self.telemetry.pair.time_s
         order = "xyzw" if self.telemetry.pair.convention.scalar == "last" else "wxyz"
         angle = self.angle.assign(time_s=np.char.mod("%.6f", time))
-        corrected = _corrected_table(time, self.pair.quaternions, order)
+        tables = {"angle.csv": (angle, "%.9g")}
+        if self.pair is not None:
+            corrected = _corrected_table(time, self.pair.quaternions, order)
+            tables["corrected.csv"] = (corrected, "%.12f")
         if self.telemetry.start is not None:
-            for table in (angle, corrected):
+            for table, _ in tables.values():
                 table.insert(0, "time", _utc(self.telemetry.start, time))
+        tables["tracks.csv"] = (self.tracks, "%.9g")
         files: dict[str, str | bytes] = {
-            "corrected.csv": corrected.to_csv(
-                index=False, lineterminator="\n", float_format="%.12f"
-            ),
-            "angle.csv": angle.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
-            "tracks.csv": self.tracks.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
-            "report.txt": self.summary() + "\n",
+            name: table.to_csv(index=False, lineterminator="\n", float_format=digits)
+            for name, (table, digits) in tables.items()
         }
+        files["report.txt"] = self.summary() + "\n"
         with styled():
-            files |= {
-                "angle.png": png(angle_figure(self.angle)),
-                "drift.png": png(drift_figure(self.angle)),
-            }
+            files["angle.png"] = png(
+                angle_figure(self.angle, zero_deg=None if self.designed else self.zero_deg)
+            )
+            if self.pair is not None:
+                files["drift.png"] = png(drift_figure(self.angle))
         for name, content in files.items():
             write_whole(folder / name, content)
 
 
 def correct_telemetry(
-    telemetry: str | Path,
+    telemetry: str | Path | Sequence[str | Path],
     out: str | Path,
     *,
     columns: str | Path | None = None,
+    convention: QuaternionConvention | None = None,
+    heads: tuple[int, int] = (1, 2),
     smooth_s: float | None = None,
     window: int = 5,
     track_gap_s: float = 60.0,
@@ -103,20 +125,26 @@ def correct_telemetry(
     force: bool = False,
     **options: Unpack[DialectOptions],
 ) -> PairReport:
-    """Correct a pair's telemetry for its drift and write what came of it to a folder.
+    """Judge the angle between two heads, corrected for their drift where spots tell of it, and
+    write what came of it to a folder.
 
     Stellar aberration must be out of the quaternions already (`remove_aberration`): it turns heads
     that look different ways by different angles.
 
     Parameters
     ----------
-    telemetry : path
-        CSV file with times, quaternions of two heads and positions of their reference spots.
+    telemetry : path, or a sequence of paths
+        CSV file with times, quaternions of the heads and positions of their reference spots, if
+        there are any; or a file for each head.
     out : path
         Folder to write to, see :meth:`PairReport.write`.
     columns : path, optional
-        TOML file with the names and conventions (`TelemetryFormat`); by default the CSV file's name
-        ending in .toml.
+        TOML file with the names and conventions (`TelemetryFormat`); by default the first CSV
+        file's name ending in .toml.
+    convention : QuaternionConvention, optional
+        In place of the one that the TOML file names, or does not.
+    heads : two numbers
+        Which two, of more than two.
     smooth_s : float, optional
         Low-pass the drift over so many seconds before it corrects.
     window : int
@@ -144,34 +172,53 @@ def correct_telemetry(
         the times are too close or too far apart to be seconds.
     """
     integer("window", window, low=3)
-    source = Path(telemetry)
+    sources = [Path(p) for p in ([telemetry] if isinstance(telemetry, str | Path) else telemetry)]
     folder = free_folder(out, force=force)
-    described = Path(columns) if columns is not None else source.with_suffix(".toml")
-    if not source.is_file():
-        raise FileNotFoundError(f"no telemetry at {source}: expected a CSV file")
+    form = _described(sources, columns)
+    if convention is not None:
+        form = replace(form, scalar=convention.scalar, direction=convention.direction)
+    read = read_telemetry(sources, form, heads=heads, dialect=Dialect(**options))
+    track = split_tracks(read.pair.time_s, gap_s=track_gap_s)
+    _check_steps(read.pair.time_s, track, sources[0].name, track_gap_s)
+    pair, sigma = None, None if form.spot_sigma_um is None else form.spot_sigma_um * 1e-3
+    if read.pair.points_mm.size:
+        pair = correct_pair(read.pair, sigma_mm=sigma, smooth_s=smooth_s, max_gap_s=max_gap_s)
+    before = _angle(read.pair) if pair is None else pair.before_rad
+    designed = form.design_angle_deg if heads == (1, 2) else None
+    zero = float(np.degrees(np.nanmedian(before))) if designed is None else designed
+    angle = _angle_table(read, before, pair, zero, track)
+    tracks = track_table(angle, read, window)
+    drift_notes = []
+    if pair is not None:
+        drift_notes = head_notes(pair, sigma_mm=sigma, smooth_s=smooth_s, max_gap_s=max_gap_s)
+        drift_notes += change_notes(tracks)
+    notes = (
+        *read.notes,
+        *short_notes(tracks, window),
+        *drift_notes,
+        *slow_notes(tracks),
+        *clock_notes(read, angle),
+        *missing_notes(spots=pair is not None, designed=designed is not None, zero_deg=zero),
+    )
+    report = PairReport(read, pair, zero, designed is not None, angle, tracks, notes)
+    report.write(folder)
+    return report
+
+
+def _described(sources: Sequence[Path], columns: str | Path | None) -> TelemetryFormat:
+    described = Path(columns) if columns is not None else sources[0].with_suffix(".toml")
+    for source in sources:
+        if not source.is_file():
+            raise FileNotFoundError(f"no telemetry at {source}: expected a CSV file")
     if not described.is_file():
         raise FileNotFoundError(
             f"no description of the columns at {described}: write one, or name it with --columns"
         )
-    form = TelemetryFormat.from_toml(described)
-    read = read_telemetry(source, form, dialect=Dialect(**options))
-    sigma = None if form.spot_sigma_um is None else form.spot_sigma_um * 1e-3
-    track = split_tracks(read.pair.time_s, gap_s=track_gap_s)
-    _check_steps(read.pair.time_s, track, source.name, track_gap_s)
-    pair = correct_pair(read.pair, sigma_mm=sigma, smooth_s=smooth_s, max_gap_s=max_gap_s)
-    angle = _angle_table(read, pair, form.design_angle_deg, track)
-    tracks = track_table(angle, read, window)
-    notes = (
-        *read.notes,
-        *short_notes(tracks, window),
-        *head_notes(pair, sigma_mm=sigma, smooth_s=smooth_s, max_gap_s=max_gap_s),
-        *change_notes(tracks),
-        *slow_notes(tracks),
-        *clock_notes(read, angle),
-    )
-    report = PairReport(read, pair, angle, tracks, notes)
-    report.write(folder)
-    return report
+    return TelemetryFormat.from_toml(described)
+
+
+def _angle(pair: PairTelemetry) -> Floats:
+    return boresight_angle(*pair.quaternions, convention=pair.convention, boresight=pair.boresight)
 
 
 def _check_steps(time_s: Floats, track: Ints, file: str, track_gap_s: float) -> None:
@@ -191,24 +238,24 @@ def _check_steps(time_s: Floats, track: Ints, file: str, track_gap_s: float) -> 
 
 
 def _angle_table(
-    read: Telemetry, pair: CorrectedPair, design_deg: float, track: Ints
+    read: Telemetry, before_rad: Floats, pair: CorrectedPair | None, zero_deg: float, track: Ints
 ) -> pd.DataFrame:
     import pandas as pd
 
-    drift = rad_to_arcsec(pair.drift)
-    return pd.DataFrame(
-        {
-            "time_s": read.pair.time_s,
-            "track": track + 1,
-            "before_arcsec": rad_to_arcsec(pair.before_rad - np.radians(design_deg)),
-            "after_arcsec": rad_to_arcsec(pair.after_rad - np.radians(design_deg)),
-        }
-        | {
+    columns = {
+        "time_s": read.pair.time_s,
+        "track": track + 1,
+        "before_arcsec": rad_to_arcsec(before_rad - np.radians(zero_deg)),
+    }
+    if pair is not None:
+        drift = rad_to_arcsec(pair.drift)
+        columns["after_arcsec"] = rad_to_arcsec(pair.after_rad - np.radians(zero_deg))
+        columns |= {
             f"drift_{k + 1}_{axis}_arcsec": drift[k, :, i]
             for k in range(2)
             for i, axis in enumerate("xyz")
         }
-    )
+    return pd.DataFrame(columns)
 
 
 def _utc(start: np.datetime64, time_s: Floats) -> NDArray[np.str_]:

@@ -15,7 +15,7 @@ from losbench.telemetry.tracks import ends
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["change_notes", "clock_notes", "head_notes", "slow_notes"]
+__all__ = ["change_notes", "clock_notes", "head_notes", "missing_notes", "slow_notes"]
 
 _WORST_CONDITION = 1000.0  # two spots 7 arcmin apart
 _FAR_FROM_ONE = 2.0  # scatter of the spots over what was said of it, or its inverse
@@ -136,3 +136,19 @@ def clock_notes(read: Telemetry, angle: pd.DataFrame) -> list[str]:
             * (abs(added) > _CLEAR_OFFSET * error_ms)
         ]
     return [f"Time tags of the heads not compared: {why}."]
+
+
+def missing_notes(*, spots: bool, designed: bool, zero_deg: float) -> list[str]:
+    """Say what spots and a design angle would add, where there are none."""
+    notes = []
+    if not spots:
+        notes.append(
+            "No reference spots: the angle is judged as it is. Spots and focal_mm would tell which "
+            "head turns, about which axis, and take its drift out."
+        )
+    if not designed:
+        notes.append(
+            f"No design angle: angles count from {zero_deg:.6f} deg, their median, and how steady "
+            "they are is all that speaks for the convention. design_angle_deg would check it."
+        )
+    return notes

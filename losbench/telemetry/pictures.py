@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 __all__ = ["angle_figure", "drift_figure"]
 
 
-def angle_figure(angle: pd.DataFrame) -> Figure:
-    """Each track in a panel, at most six of them, the angle before and after correction on one
-    scale.
+def angle_figure(angle: pd.DataFrame, *, zero_deg: float | None = None) -> Figure:
+    """Each track in a panel, at most six of them, the angle before and, where there is one, after
+    correction on one scale; they count from ``zero_deg``, or from the design angle.
     """
     from matplotlib.figure import Figure
 
@@ -30,10 +30,13 @@ def angle_figure(angle: pd.DataFrame) -> Figure:
         axis.plot(
             time, samples["before_arcsec"], lw=0.7, color=COLOURS["vermilion"], label="uncorrected"
         )
-        axis.plot(time, samples["after_arcsec"], lw=0.7, color=COLOURS["blue"], label="corrected")
+        if "after_arcsec" in samples:
+            corrected = samples["after_arcsec"]
+            axis.plot(time, corrected, lw=0.7, color=COLOURS["blue"], label="corrected")
         axis.set_title(f"track {samples['track'].iloc[0]}")
         axis.set_xlabel("time in track (s)")
-    axes[0].set_ylabel("angle less design (arcsec)")
+    zero = "design" if zero_deg is None else f"{zero_deg:.4f} deg"
+    axes[0].set_ylabel(f"angle less {zero} (arcsec)")
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return fig
 

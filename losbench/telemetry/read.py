@@ -19,7 +19,8 @@ from losbench.pointing.starcamera import (
 )
 from losbench.series import neighbours, split_tracks
 from losbench.tables import Dialect, Table, read_table
-from losbench.telemetry.columns import TelemetryFormat
+from losbench.telemetry.columns import HeadColumns, TelemetryFormat
+from losbench.telemetry.conventions import check_convention, check_steady, proposal
 from losbench.units import ARCSEC_PER_RAD
 
 __all__ = ["Telemetry", "read_telemetry"]
@@ -43,18 +44,24 @@ class Telemetry:
 
 
 def read_telemetry(
-    path: str | Path, form: TelemetryFormat, *, dialect: Dialect | None = None
+    path: str | Path | Sequence[str | Path],
+    form: TelemetryFormat,
+    *,
+    heads: tuple[int, int] = (1, 2),
+    dialect: Dialect | None = None,
 ) -> Telemetry:
-    """Read and check a pair's telemetry.
+    """Read and check the telemetry of two heads.
 
     Parameters
     ----------
-    path : path
-        CSV file.
+    path : path, or a sequence of paths
+        CSV file of all heads, or one for each head of the format.
     form : TelemetryFormat
         What its columns mean.
+    heads : two numbers
+        Which of the format's heads.
     dialect : Dialect, optional
-        What of the file cannot be found out.
+        What of the files cannot be found out.
 
     Returns
     -------
@@ -65,32 +72,37 @@ def read_telemetry(
     Raises
     ------
     ValueError
-        If a column is missing, times do not increase, a quaternion is not of unit length, the
-        boresights do not stand as designed (a mixed-up convention), or the heads do not overlap in
-        time.
+        If a column is missing, times do not increase, a quaternion is not of unit length, no
+        convention is named or another fits better, the boresights do not stand as designed or not
+        still, or the heads do not overlap in time.
 
     Warns
     -----
     UserWarning
         If the quaternions have so few decimals that rounding shows, with what it costs in arcsec.
     """
-    table, name = read_table(path, dialect), Path(path).name
-    missing = [column for column in form.columns if column not in table.names]
-    if missing:
-        raise ValueError(f"{name} has no column {', '.join(missing)}; it has {table.listed()}")
-    clocks = [_clock(table, column) for column in form.clocks]
-    if len({clock.start is None for clock in clocks}) > 1:
+    files = [Path(p) for p in ([path] if isinstance(path, str | Path) else path)]
+    if len(files) not in (1, len(form.heads)) or (len(files) == 1 and form.a_file_each):
         raise ValueError(
-            f"{name}: columns {' and '.join(form.clocks)} must both hold seconds, or both UTC"
+            f"telemetry must be a file for each of {len(form.heads)} heads"
+            f"{' or one for all' * (not form.a_file_each)}, got {len(files)}"
         )
+    tables = [read_table(files[k - 1], dialect) for k in heads] if len(files) > 1 else []
+    tables = tables or [read_table(files[0], dialect)] * 2
+    sources = [_source(table, k, form, len(files)) for table, k in zip(tables, heads, strict=True)]
+    clocks = [source.clock for source in sources]
+    name = " and ".join(dict.fromkeys(source.table.file for source in sources))
+    if len({clock.start is None for clock in clocks}) > 1:
+        columns = " and ".join(source.clock_name for source in sources)
+        raise ValueError(f"{name}: columns {columns} must both hold seconds, or both UTC")
+    notes = [note for each in sources for note in (*each.table.notes, *each.clock.notes)]
     times = [clock.seconds_since(clocks[0], "the second head") for clock in clocks]
-    notes = [*table.notes, *(note for clock in clocks for note in clock.notes)]
-    first, second = (
-        _head(table, form, k, times[min(k, len(times) - 1)], name, notes) for k in range(2)
-    )
+    first, second = (_head(each, t, form, notes) for each, t in zip(sources, times, strict=True))
     _warn_of_rounding(np.concatenate([first.quaternions, second.quaternions]), notes)
-    if len(times) == 2:
-        second = _on_clock_of(first, second, form.convention)
+    if not np.array_equal(first.time_s, second.time_s):
+        second = _on_clock_of(
+            first, second, form.convention or QuaternionConvention.every()[0], name
+        )
         at, without = first.time_s, np.isnan(second.quaternions).any(axis=1)
         notes.append(
             "The second head is interpolated to the first one's times, which lowers its noise; "
@@ -100,22 +112,62 @@ def read_telemetry(
     quaternions = np.stack([first.quaternions, second.quaternions])
     if np.isnan(quaternions).any(axis=(0, 2)).all():
         raise ValueError(f"{name}: no row has the attitudes of both heads")
-    check_design(
-        *quaternions,
-        convention=form.convention,
-        angle_deg=form.design_angle_deg,
-        boresight=np.array(form.boresight),
-    )
+    designed = form.design_angle_deg if heads == (1, 2) else None
+    try:
+        convention, said = _settled_convention(quaternions, form, designed, first.time_s)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
     pair = PairTelemetry(
         time_s=first.time_s,
         quaternions=quaternions,
         points_mm=np.stack([first.points_mm, second.points_mm]),
         shifts_mm=np.stack([first.shifts_mm, second.shifts_mm]),
-        convention=form.convention,
-        installation=np.stack([np.array(head.installation) for head in (form.head_1, form.head_2)]),
+        convention=convention,
+        installation=np.stack([np.array(form.heads[k - 1].installation) for k in heads]),
         boresight=form.boresight,
     )
-    return Telemetry(pair, clocks[0].start, tuple(dict.fromkeys(notes)))
+    return Telemetry(pair, clocks[0].start, tuple(dict.fromkeys([*notes, *said])))
+
+
+def _settled_convention(
+    quaternions: Floats, form: TelemetryFormat, designed_deg: float | None, time_s: Floats
+) -> tuple[QuaternionConvention, list[str]]:
+    """The convention that is named, if neither design nor the telemetry itself speaks against it,
+    and what is to be said about it.
+    """
+    convention, boresight = form.convention, form.boresight
+    if convention is None:
+        raise ValueError(proposal(quaternions, boresight))
+    said = []
+    if designed_deg is None:
+        said = check_convention(quaternions, convention, boresight)
+    else:
+        axis = np.array(boresight)
+        check_design(*quaternions, convention=convention, angle_deg=designed_deg, boresight=axis)
+    check_steady(quaternions, convention, boresight, time_s)
+    return convention, said
+
+
+@dataclass(frozen=True)
+class _Source:
+    """One head's columns, and where they stand."""
+
+    table: Table
+    columns: HeadColumns
+    number: int
+    clock_name: str
+    clock: FrameTimes
+
+
+def _source(table: Table, head: int, form: TelemetryFormat, n_files: int) -> _Source:
+    columns, clock = form.heads[head - 1], form.clocks[min(head, len(form.clocks)) - 1]
+    wanted = form.columns if n_files == 1 else [clock, *columns.columns]
+    missing = [column for column in wanted if column not in table.names]
+    if missing:
+        raise ValueError(
+            f"{table.file} has no column {', '.join(missing)}; it has {table.listed()}"
+        )
+    return _Source(table, columns, head, clock, _clock(table, clock))
 
 
 @dataclass(frozen=True)
@@ -130,13 +182,11 @@ class _Head:
     points_mm: Floats
 
 
-def _head(
-    table: Table, form: TelemetryFormat, k: int, time_s: Floats, file: str, notes: list[str]
-) -> _Head:
-    """Read and check head ``k``, leaving out the rows without its time; what is noticed goes to
+def _head(source: _Source, time_s: Floats, form: TelemetryFormat, notes: list[str]) -> _Head:
+    """Read and check a head, leaving out the rows without its time; what is noticed goes to
     ``notes``.
     """
-    columns, clock = (form.head_1, form.head_2)[k], form.clocks[min(k, len(form.clocks) - 1)]
+    table, columns, file = source.table, source.columns, source.table.file
     quaternions = _columns(table, columns.quaternion)
     quaternions = np.where(np.isfinite(quaternions).all(axis=1, keepdims=True), quaternions, np.nan)
     spots = _columns(table, [c for xy in columns.spots for c in xy])
@@ -145,49 +195,54 @@ def _head(
         ~timed & np.isfinite(np.concatenate([quaternions, spots], axis=1)).any(axis=1)
     )
     if lost:
-        notes.append(f"{lost} of {len(table)} rows have no {clock} and are left out.")
-    t, quaternions, spots, rows = (
-        time_s[timed],
-        quaternions[timed],
-        spots[timed],
-        np.flatnonzero(timed) + 1,
-    )
-    _check_order(t, f"{file}: column {clock!r}", rows)
-    _check_head(quaternions, spots, f"{file}: head {k + 1}", rows)
-    position, reference = _near(spots.reshape(len(t), -1, 2), t, rows, form, k, notes)
-    notes += _remarks(f"Head {k + 1}", t, quaternions, position)
+        notes.append(f"{lost} of {len(table)} rows have no {source.clock_name} and are left out.")
+    rows = np.flatnonzero(timed) + 1
+    t, quaternions, spots = time_s[timed], quaternions[timed], spots[timed]
+    _check_order(t, f"{file}: column {source.clock_name!r}", rows)
+    _check_head(quaternions, spots, f"{file}: head {source.number}", rows)
+    position = spots.reshape(len(t), len(columns.spots), 2)
+    if not columns.spots:
+        notes += _remarks(f"Head {source.number}", t, quaternions, position)
+        return _Head(t, quaternions, position, np.empty((0, 3)))
+    position, reference = _near(position, t, rows, form, source, notes)
+    notes += _remarks(f"Head {source.number}", t, quaternions, position)
     flat_mm = (reference - np.array(form.principal)) * form.unit_mm
     points = np.concatenate([flat_mm, np.full_like(flat_mm[:, :1], form.focal_mm)], axis=1)
     return _Head(t, quaternions, (position - reference) * form.unit_mm, points)
 
 
 def _near(
-    position: Floats, time_s: Floats, rows: Ints, form: TelemetryFormat, k: int, notes: list[str]
+    position: Floats,
+    time_s: Floats,
+    rows: Ints,
+    form: TelemetryFormat,
+    source: _Source,
+    notes: list[str],
 ) -> tuple[Floats, Floats]:
     """Positions (n, m, 2) without those too far from their reference for a drift, and the reference
     (m, 2).
     """
-    given = (form.head_1, form.head_2)[k].reference
+    given, head = source.columns.reference, source.number
     first_track = split_tracks(time_s) == 0
     if not given and not np.isfinite(position[first_track]).all(axis=(1, 2)).any():
         raise ValueError(
-            "no row of the first track shows all spots: give their reference positions"
+            f"{source.table.file}: head {head}: no row of the first track shows all spots: give "
+            "their reference positions"
         )
     centre = np.array(given) if given else np.nanmedian(position[first_track], axis=0)
-    farthest = _FARTHEST * form.focal_mm / form.unit_mm
+    farthest = _FARTHEST * (form.focal_mm or 0.0) / form.unit_mm
     length = np.linalg.norm(position - centre, axis=-1)
     far = length > farthest
     for spot in range(far.shape[1]):
         seen = length[np.isfinite(length[:, spot]), spot]
         if seen.size and np.median(seen) > farthest:
             raise ValueError(
-                f"head {k + 1}: spot {spot + 1} is too far from its reference for a drift: check "
-                "its columns, "
-                "spot_unit, principal and reference"
+                f"{source.table.file}: head {head}: spot {spot + 1} is too far from its reference "
+                "for a drift: check its columns, spot_unit, principal and reference"
             )
         if far[:, spot].any():
             notes.append(
-                f"Head {k + 1}: in {np.count_nonzero(far[:, spot])} of {len(rows)} rows spot "
+                f"Head {head}: in {np.count_nonzero(far[:, spot])} of {len(rows)} rows spot "
                 f"{spot + 1} lies more than "
                 f"{farthest:.3g} {form.spot_unit} from its reference, farther than any drift, and "
                 "is left out there; "
@@ -204,6 +259,8 @@ def _clock(table: Table, column: str) -> FrameTimes:
 
 
 def _columns(table: Table, names: Sequence[str]) -> Floats:
+    if not names:
+        return np.empty((len(table), 0))
     return np.stack([table.numbers(column) for column in names], axis=-1)
 
 
@@ -219,8 +276,9 @@ def _check_head(quaternions: Floats, spots: Floats, what: str, rows: Ints) -> No
             f"of {len(bad)} have "
             f"not; row {rows[k]} has length {length[k]:.4g}"
         )
-    seen = np.isfinite(spots.reshape(len(spots), -1, 2)).all(axis=2).sum(axis=1)
-    if seen.max() < 2:
+    pairs = spots.reshape(len(spots), spots.shape[1] // 2, 2)
+    seen = np.isfinite(pairs).all(axis=2).sum(axis=1)
+    if spots.size and seen.max() < 2:
         raise ValueError(f"{what} has no row with two spots, which a drift takes")
 
 
@@ -267,13 +325,13 @@ def _decimals(values: Floats) -> int:
     return next((d for d in range(1, 15) if np.abs(known - np.round(known, d)).max() < 1e-14), 15)
 
 
-def _on_clock_of(first: _Head, second: _Head, convention: QuaternionConvention) -> _Head:
+def _on_clock_of(first: _Head, second: _Head, convention: QuaternionConvention, file: str) -> _Head:
     """The second head at the times of the first."""
     at, t = first.time_s, second.time_s
     if at[0] > t[-1] or t[0] > at[-1]:
         raise ValueError(
-            f"the heads must overlap in time, but the first runs from {at[0]:g} to {at[-1]:g} s "
-            f"and the second from {t[0]:g} to {t[-1]:g} s"
+            f"{file}: the heads must overlap in time, but the first runs from {at[0]:g} to "
+            f"{at[-1]:g} s and the second from {t[0]:g} to {t[-1]:g} s"
         )
     turned = interpolate_attitude(
         t, second.quaternions, at, convention=convention, max_gap_s=_SLOWEST_S

@@ -20,11 +20,16 @@ __all__ = ["ends", "short_notes", "track_lines", "track_table"]
 
 
 _SHORTEST_TRACK = 20  # samples, for an error split
+_SPARSEST = 8  # steps of the clock between angles; beyond, a slow head looks like an outage
 
 
-def track_lines(tracks: pd.DataFrame) -> list[str]:
+def track_lines(tracks: pd.DataFrame, zero_deg: float) -> list[str]:
     """Every track in a line, then the change from the first to the last."""
-    return [*(_track_line(row) for _, row in tracks.iterrows()), *_change_line(tracks)]
+    if "mean_after" in tracks:
+        told = [_track_line(row) for _, row in tracks.iterrows()]
+    else:
+        told = [_plain_line(row, zero_deg) for _, row in tracks.iterrows()]
+    return [*told, *_change_line(tracks)]
 
 
 def track_table(angle: pd.DataFrame, read: Telemetry, window: int) -> pd.DataFrame:
@@ -32,25 +37,39 @@ def track_table(angle: pd.DataFrame, read: Telemetry, window: int) -> pd.DataFra
     import pandas as pd
 
     rows = []
+    told = [which for which in ("before", "after") if f"{which}_arcsec" in angle]
     for track, samples in angle.groupby("track"):
         time = samples["time_s"].to_numpy()
         row: dict[str, object] = {
             "track": track,
             "start": _instant(read.start, time[0]),
             "samples": len(samples),
-            "missing": int(samples["after_arcsec"].isna().sum()),
+            "missing": int(samples[f"{told[-1]}_arcsec"].isna().sum()),
         }
-        for which in ("before", "after"):
+        for which in told:
             series = samples[f"{which}_arcsec"].to_numpy()
             known = np.count_nonzero(np.isfinite(series))
-            gapped = mark_gaps(time, series)
+            gapped = mark_gaps(*_on_own_step(time, series))
             row[f"mean_{which}"] = np.nanmean(series) if known else np.nan
+            if len(told) == 1:
+                row["std_before"] = np.nanstd(series) if known else np.nan
             row[f"mean_{which}_sigma"] = (
                 np.sqrt(variance_sampling(gapped)[0]) if known > 1 else np.nan
             )
             row |= _split(gapped, window, which)
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def _on_own_step(time: Floats, series: Floats) -> tuple[Floats, Floats]:
+    """Drop the rows without an angle where they are the rule: a head that answers in every other
+    row has a step of its own, and no run on that of the clock.
+    """
+    known = np.isfinite(series)
+    if np.count_nonzero(known) < 2:
+        return time, series
+    steps = np.median(np.diff(time[known])) / np.median(np.diff(time))
+    return (time[known], series[known]) if 1.5 < steps <= _SPARSEST else (time, series)
 
 
 def _split(series: Floats, window: int, which: str) -> dict[str, object]:
@@ -80,12 +99,26 @@ def _least_samples(window: int) -> int:
 
 def short_notes(tracks: pd.DataFrame, window: int) -> list[str]:
     """Say how many tracks are too short or too full of gaps for an error split."""
-    short = int(tracks["total_after"].isna().sum())
+    last = "total_after" if "total_after" in tracks else "total_before"
+    short = int(tracks[last].isna().sum())
     return [
         f"{short} of {len(tracks)} tracks have fewer than {_least_samples(window)} angles, or too "
         f"few runs of {window} "
         "without a gap: no split."
     ] * (short > 0)
+
+
+def _plain_line(row: pd.Series, zero_deg: float) -> str:
+    line = f"track {row['track']} at {row['start']}: angle "
+    if np.isnan(row["mean_before"]):
+        return line + "missing"
+    line += (
+        f"{zero_deg + row['mean_before'] / 3600.0:.6f} deg, standard deviation "
+        f"{row['std_before']:.3g} arcsec ({row['samples'] - row['missing']} angles); "
+    )
+    if np.isnan(row["total_before"]):
+        return line + "no split"
+    return line + f"3 sigma total {row['total_before']:.3f} arcsec, {_told_split(row)}"
 
 
 def _track_line(row: pd.Series) -> str:
@@ -98,6 +131,12 @@ def _track_line(row: pd.Series) -> str:
         return line + "no split"
     return line + (
         f"3 sigma total {row['total_before']:.3f} -> {_said(row['total_after'], '.3f')}, "
+        f"{_told_split(row)}"
+    )
+
+
+def _told_split(row: pd.Series) -> str:
+    return (
         f"LSFE {row['lsfe_unbiased']:.3f} +- {row['lsfe_unbiased_sigma']:.3f}, "
         f"NEA {row['nea_unbiased']:.3f} +- {row['nea_unbiased_sigma']:.3f}"
     )
@@ -113,10 +152,15 @@ def _change_line(tracks: pd.DataFrame) -> list[str]:
     """The change from the first to the last track that has both angles, else of the uncorrected one
     alone.
     """
-    found = ends(tracks, "mean_before", "mean_after") or ends(tracks, "mean_before")
+    plain = "mean_after" not in tracks
+    found = None if plain else ends(tracks, "mean_before", "mean_after")
+    found = found or ends(tracks, "mean_before")
     if found is None:
         return []
     first, last = found
+    if plain:
+        raw = _said(last["mean_before"] - first["mean_before"])
+        return [f"track {first['track']} to {last['track']}: angle changed by {raw} arcsec"]
     raw, corrected = (
         _said(last[f"mean_{which}"] - first[f"mean_{which}"]) for which in ("before", "after")
     )

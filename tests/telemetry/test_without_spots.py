@@ -1,0 +1,172 @@
+"""Telemetry that has no reference spots: the angle, its convention and its clocks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from losbench.cli import main
+from losbench.papers.ren2023.export import write_telemetry
+from losbench.papers.ren2023.scenario import Pair
+from losbench.pointing.starcamera import QuaternionConvention
+from losbench.telemetry.columns import HeadColumns, TelemetryFormat
+from losbench.telemetry.conventions import rate_offset
+from losbench.telemetry.correct import correct_telemetry
+from losbench.telemetry.read import read_telemetry
+
+BARE = TelemetryFormat(
+    time="t",
+    scalar="last",
+    direction="camera_to_inertial",
+    head_1=HeadColumns(quaternion=tuple(f"q1_{axis}" for axis in "xyzw")),
+    head_2=HeadColumns(quaternion=tuple(f"q2_{axis}" for axis in "xyzw")),
+)
+NAMES = [*BARE.head_1.quaternion, *BARE.head_2.quaternion]
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """One track of five minutes at 8 Hz, without its spots."""
+    folder = write_telemetry(tmp_path_factory.mktemp("pair") / "example", seed=3)
+    table = pd.read_csv(folder / "telemetry.csv")[:2400]
+    return table[NAMES].assign(t=np.arange(len(table)) / 8.0)
+
+
+def judged(table, tmp_path, form=BARE, **options):
+    table.to_csv(tmp_path / "telemetry.csv", index=False)
+    (tmp_path / "telemetry.toml").write_text(form.to_toml())
+    return correct_telemetry(tmp_path / "telemetry.csv", tmp_path / "out", force=True, **options)
+
+
+def test_the_angle_its_split_and_what_is_missing_are_told(table, tmp_path):
+    report = judged(table, tmp_path)
+    truth = Pair()
+    assert report.pair is None and not report.designed
+    assert report.zero_deg == pytest.approx(truth.angle_deg, abs=1e-4)
+    row = report.tracks.iloc[0]
+    assert row["nea_unbiased"] == pytest.approx(np.sqrt(2) * truth.nea_arcsec, rel=0.1)
+    assert report.angle.columns.tolist() == ["time_s", "track", "before_arcsec"]
+    text = report.summary()
+    for said in ("deg, standard deviation", "No reference spots", "No design angle", "ms added"):
+        assert said in text
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written >= {"angle.csv", "tracks.csv", "angle.png", "report.txt"}
+    assert not written & {"corrected.csv", "drift.png"}
+
+
+def test_a_design_angle_alone_counts_and_checks(table, tmp_path):
+    designed = replace(BARE, design_angle_deg=Pair().angle_deg)
+    report = judged(table, tmp_path, designed)
+    assert report.designed and "No design angle" not in report.summary()
+    with pytest.raises(ValueError, match="the boresights must stand 60 deg apart"):
+        judged(table, tmp_path, replace(BARE, design_angle_deg=60.0))
+
+
+def test_a_convention_is_proposed_with_its_evidence_and_never_taken(table, tmp_path):
+    silent = replace(BARE, scalar=None, direction=None)
+    with pytest.raises(
+        ValueError, match="no convention is named; .* is steadiest with "
+    ) as refusal:
+        judged(table, tmp_path, silent)
+    best, *others = str(refusal.value).split("; ")[1:5]
+    assert "scalar last, camera to inertial: 67.621 deg, scatter 0.1" in best
+    assert all("scatter" in other for other in others)
+    assert "--convention last,camera_to_inertial" in str(refusal.value)
+    confirmed = judged(table, tmp_path, silent, convention=BARE.convention)
+    assert confirmed.summary() == judged(table, tmp_path).summary()
+
+
+@pytest.mark.parametrize(
+    "wrong", [c for c in QuaternionConvention.every() if c != BARE.convention], ids=str
+)
+def test_another_convention_is_refused_and_the_right_one_named(table, tmp_path, wrong):
+    with pytest.raises(ValueError, match="it is with scalar last, camera to inertial: 67.621 deg"):
+        judged(table, tmp_path, convention=wrong)
+
+
+def test_telemetry_that_cannot_tell_says_so(table, tmp_path):
+    still = table.assign(**{name: table[name].iloc[0] for name in NAMES})
+    rng = np.random.default_rng(5)
+    still[NAMES] += 1e-6 * rng.standard_normal((len(still), 8))
+    assert "The telemetry does not tell its convention" in judged(still, tmp_path).summary()
+    with pytest.raises(ValueError, match="the telemetry does not tell which it is"):
+        judged(still, tmp_path, replace(BARE, scalar=None, direction=None))
+
+
+@pytest.mark.parametrize("designed", [True, False])
+def test_two_clocks_a_hundred_seconds_apart_are_caught(table, tmp_path, designed):
+    late = table.assign(t2=table["t"] + 100.0)
+    form = replace(BARE, time=("t", "t2"), design_angle_deg=Pair().angle_deg if designed else None)
+    with pytest.raises(ValueError, match="more than 20: aberration .* time tags") as refusal:
+        judged(late, tmp_path, form)
+    # The twin wobbles with a period of 40 s, so that -20 s fits as well as -100.
+    assert "at several offsets of the second one's time tags, such as" in str(refusal.value)
+    right = judged(table.assign(t2=table["t"]), tmp_path, form)
+    assert "interpolated" not in right.summary()
+
+
+def test_an_offset_of_the_tags_is_found_where_the_motion_does_not_repeat():
+    t = np.arange(0.0, 600.0, 0.25)
+    rng = np.random.default_rng(2)
+    slow = np.convolve(rng.standard_normal(len(t) + 80), np.hanning(81), mode="valid")
+    turned = Rotation.from_rotvec(np.cumsum(slow)[:, None] * 1e-5 * np.array([1.0, 0.5, 0.2]))
+    head = turned * Rotation.from_rotvec([0.3, 0.8, -0.2])
+    quaternions = np.stack([turned[:-400].as_quat(), head[400:].as_quat()])  # 100 s late
+    assert "with +100.0 s added to the second" in rate_offset(quaternions, t[:-400])
+    together = np.stack([turned.as_quat(), head.as_quat()])
+    assert rate_offset(together, t) == ""
+
+
+def test_a_head_that_answers_in_every_other_row_gets_its_split(table, tmp_path):
+    sparse = table.copy()
+    sparse.loc[sparse.index % 2 == 1, list(BARE.head_2.quaternion)] = np.nan
+    row = judged(sparse, tmp_path).tracks.iloc[0]
+    assert row["missing"] == 1200
+    whole = judged(table[::2], tmp_path).tracks.iloc[0]
+    for name in ("total_before", "lsfe_unbiased", "nea_unbiased"):
+        assert row[name] == pytest.approx(whole[name], rel=1e-9)
+
+
+def test_a_file_for_each_head_and_a_third_head(table, tmp_path):
+    whole = judged(table, tmp_path)
+    own = [f"q_{axis}" for axis in "xyzw"]
+    heads = [HeadColumns(quaternion=tuple(own))] * 3
+    form = replace(BARE, head_1=heads[0], head_2=heads[1], head_3=heads[2])
+    paths = []
+    for k, head in enumerate((BARE.head_1, BARE.head_2, BARE.head_2)):
+        paths.append(tmp_path / f"head{k + 1}.csv")
+        named = dict(zip(head.quaternion, own, strict=True))
+        table[["t", *head.quaternion]].rename(columns=named).to_csv(paths[-1], index=False)
+    (tmp_path / "heads.toml").write_text(form.to_toml())
+    assert TelemetryFormat.from_toml(tmp_path / "heads.toml").to_toml() == form.to_toml()
+    for pair in ((1, 2), (1, 3)):
+        report = correct_telemetry(
+            paths, tmp_path / "out", columns=tmp_path / "heads.toml", heads=pair, force=True
+        )
+        pd.testing.assert_frame_equal(report.angle, whole.angle)
+    with pytest.raises(ValueError, match="telemetry must be a file for each of 3 heads, got 1"):
+        read_telemetry(paths[0], form)
+
+
+def test_grace_fo_is_judged_and_other_conventions_are_refused(real_data, tmp_path, capsys):
+    folder = real_data("grace-fo")
+    form = tmp_path / "heads12.toml"
+    form.write_text(
+        'time = "t"\n[head_1]\nquaternion = ["a0", "a1", "a2", "a3"]\n'
+        '[head_2]\nquaternion = ["b0", "b1", "b2", "b3"]\n'
+    )
+    command = ["drift", str(folder / "heads12.csv"), "--columns", str(form), "--out"]
+    assert main([*command, str(tmp_path / "no")]) == 2
+    assert "steadiest with scalar first, camera to inertial: 80.969 deg" in capsys.readouterr().err
+    for convention in QuaternionConvention.every():
+        named = f"--convention={convention.scalar},{convention.direction}"
+        right = named == "--convention=first,camera_to_inertial"
+        code = main([*command, str(tmp_path / named), named])
+        out, err = capsys.readouterr()
+        assert code == (0 if right else 2)
+        if right:
+            assert "angle 80.969157 deg, standard deviation 3.96 arcsec (33 angles)" in out
+        else:
+            assert "it is with scalar first, camera to inertial: 80.969 deg" in err
