@@ -35,7 +35,9 @@ def write(folder: Path) -> Path:
         for first in range(0, ROWS, 50_000):
             t = 0.5 * np.arange(first, first + 50_000)
             orbit = 2e-3 * np.pi * np.stack([0.0 * t, t / 5.6, 3.0 * np.sin(t / 300.0)], axis=1)
-            body = Rotation.from_rotvec(0.1 * orbit) * Rotation.from_euler("y", t / 5600, False)
+            body = Rotation.from_rotvec(0.1 * orbit) * Rotation.from_rotvec(
+                np.outer(t / 900.0, [0.0, 1.0, 0.0])
+            )
             noise = (Rotation.from_rotvec(5e-6 * rng.standard_normal((len(t), 3))) for _ in "ab")
             mounted = (Rotation.identity(), Rotation.from_euler("x", 81.0, degrees=True))
             heads = [

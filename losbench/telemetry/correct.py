@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from losbench.__about__ import __version__
 from losbench.arrays import Floats, Ints
 from losbench.checks import integer
+from losbench.outputs import Claim, claim
 from losbench.pointing.starcamera import (
     CorrectedPair,
     PairTelemetry,
@@ -19,7 +21,6 @@ from losbench.pointing.starcamera import (
     boresight_angle,
     correct_pair,
 )
-from losbench.resources import free_folder, write_whole
 from losbench.series import split_tracks
 from losbench.tables.dialect import Dialect, DialectOptions
 from losbench.tables.moments import utc_after
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["PairReport", "correct_telemetry"]
 
 
+_WRITTEN = ("angle.csv", "tracks.csv", "angle.png", "report.txt", "corrected.csv", "drift.png")
 _SHORTEST_STEP_S = 1e-3  # no star camera is faster
 
 
@@ -78,9 +80,9 @@ class PairReport:
         """Return the report as text: every track in a line, then the notes."""
         return "\n".join([*track_lines(self.tracks, self.zero_deg), *self.notes])
 
-    def write(self, folder: Path) -> None:
-        """Write ``angle.csv``, ``tracks.csv``, ``angle.png``, ``report.txt``, and with spots
-        ``corrected.csv`` and ``drift.png``.
+    def write(self, results: Claim) -> None:
+        """Write ``angle.csv``, ``tracks.csv``, ``angle.png``, ``report.txt``, ``report.json``, and
+        with spots ``corrected.csv`` and ``drift.png``.
         """
         from losbench.figures import png, styled
         from losbench.telemetry.pictures import angle_figure, drift_figure
@@ -108,7 +110,8 @@ class PairReport:
             if self.pair is not None:
                 files["drift.png"] = png(drift_figure(self.angle))
         for name, content in files.items():
-            write_whole(folder / name, content)
+            results.write(name, content)
+        results.publish({"losbench": __version__, "notes": list(self.notes)})
 
 
 def correct_telemetry(
@@ -173,24 +176,40 @@ def correct_telemetry(
     """
     integer("window", window, low=3)
     sources = [Path(p) for p in ([telemetry] if isinstance(telemetry, str | Path) else telemetry)]
-    folder = free_folder(out, force=force)
-    form = _described(sources, columns)
-    if convention is not None:
-        form = replace(form, scalar=convention.scalar, direction=convention.direction)
-    read = read_telemetry(sources, form, heads=heads, dialect=Dialect(**options))
-    track = split_tracks(read.pair.time_s, gap_s=track_gap_s)
-    _check_steps(read.pair.time_s, track, sources[0].name, track_gap_s)
-    pair, sigma = None, None if form.spot_sigma_um is None else form.spot_sigma_um * 1e-3
-    if read.pair.points_mm.size:
-        pair = correct_pair(read.pair, sigma_mm=sigma, smooth_s=smooth_s, max_gap_s=max_gap_s)
+    described = Path(columns) if columns is not None else sources[0].with_suffix(".toml")
+    with claim(out, inputs=[*sources, described], writes=_WRITTEN, force=force) as results:
+        form = _described(sources, described)
+        if convention is not None:
+            form = replace(form, scalar=convention.scalar, direction=convention.direction)
+        read = read_telemetry(sources, form, heads=heads, dialect=Dialect(**options))
+        track = split_tracks(read.pair.time_s, gap_s=track_gap_s)
+        _check_steps(read.pair.time_s, track, sources[0].name, track_gap_s)
+        designed = form.design_angle_deg if heads == (1, 2) else None
+        report = _judged(
+            read,
+            track,
+            designed,
+            window,
+            sigma_mm=None if form.spot_sigma_um is None else form.spot_sigma_um * 1e-3,
+            smooth_s=smooth_s,
+            max_gap_s=max_gap_s,
+        )
+        report.write(results)
+    return report
+
+
+def _judged(
+    read: Telemetry, track: Ints, designed_deg: float | None, window: int, **how: float | None
+) -> PairReport:
+    """Correct where there are spots, and judge the angle; ``how`` is that of `correct_pair`."""
+    pair = correct_pair(read.pair, **how) if read.pair.points_mm.size else None  # type: ignore[arg-type]
     before = _angle(read.pair) if pair is None else pair.before_rad
-    designed = form.design_angle_deg if heads == (1, 2) else None
-    zero = float(np.degrees(np.nanmedian(before))) if designed is None else designed
+    zero = float(np.degrees(np.nanmedian(before))) if designed_deg is None else designed_deg
     angle = _angle_table(read, before, pair, zero, track)
     tracks = track_table(angle, read, window)
     drift_notes = []
     if pair is not None:
-        drift_notes = head_notes(pair, sigma_mm=sigma, smooth_s=smooth_s, max_gap_s=max_gap_s)
+        drift_notes = head_notes(pair, **how)  # type: ignore[arg-type]
         drift_notes += change_notes(tracks)
     notes = (
         *read.notes,
@@ -198,15 +217,12 @@ def correct_telemetry(
         *drift_notes,
         *slow_notes(tracks),
         *clock_notes(read, angle),
-        *missing_notes(spots=pair is not None, designed=designed is not None, zero_deg=zero),
+        *missing_notes(spots=pair is not None, designed=designed_deg is not None, zero_deg=zero),
     )
-    report = PairReport(read, pair, zero, designed is not None, angle, tracks, notes)
-    report.write(folder)
-    return report
+    return PairReport(read, pair, zero, designed_deg is not None, angle, tracks, notes)
 
 
-def _described(sources: Sequence[Path], columns: str | Path | None) -> TelemetryFormat:
-    described = Path(columns) if columns is not None else sources[0].with_suffix(".toml")
+def _described(sources: Sequence[Path], described: Path) -> TelemetryFormat:
     for source in sources:
         if not source.is_file():
             raise FileNotFoundError(f"no telemetry at {source}: expected a CSV file")

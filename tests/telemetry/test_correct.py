@@ -56,6 +56,7 @@ def test_the_example_comes_back_with_its_drift_and_without_it_in_the_angle(examp
         "angle.csv",
         "tracks.csv",
         "report.txt",
+        "report.json",
         "angle.png",
         "drift.png",
     }

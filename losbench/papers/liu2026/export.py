@@ -4,26 +4,25 @@ and truth.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
 
+from losbench.__about__ import __version__
+from losbench.arrays import Floats
 from losbench.checks import integer
 from losbench.imaging.spots import render_spots
+from losbench.outputs import claim
 from losbench.papers.liu2026.scenario import ThermalBench
 from losbench.papers.liu2026.twin import WarmUp, warm_up
-from losbench.resources import free_folder, write_whole
 from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["write_recording"]
-
-_FRAME = re.compile(r"frame-\d{5}\.tif")
 
 
 def write_recording(
@@ -49,7 +48,7 @@ def write_recording(
     bench : ThermalBench, optional
         The twin; by default as assumed for the paper.
     force : bool
-        Write into a folder that is not empty, in place of an earlier simulation's frames.
+        Replace what an earlier simulation left in the folder; other files stay.
     progress : bool
         Show a progress bar.
 
@@ -65,35 +64,37 @@ def write_recording(
     ValueError
         If ``n_frames`` is below 2.
     """
-    import cv2
-
     setting = bench or ThermalBench()
     integer("n_frames", n_frames, low=2)
     integer("seed", seed, low=0)
-    folder = free_folder(out, force=force)
     run = warm_up(setting, time_s=np.linspace(0.0, setting.duration_s, n_frames))
-    frames = folder / "frames"
-    frames.mkdir(parents=True, exist_ok=True)
-    for old in frames.iterdir():
-        if _FRAME.fullmatch(old.name):
-            old.unlink()
-    rng = np.random.default_rng(seed)
-    for k in tqdm(range(n_frames), desc="frames", unit="frame", delay=2, disable=not progress):
-        electrons = np.full(setting.shape, setting.background_e)
-        for spot, flux in zip(run.truth_px[k], setting.flux_e, strict=True):
-            x, y = np.rint(spot).astype(int) - setting.window_px // 2
-            window = electrons[y : y + setting.window_px, x : x + setting.window_px]
-            window += render_spots(spot[None], flux, setting.spot_sigma_px, window.shape, (x, y))
-        done, coded = cv2.imencode(".tif", setting.detector.expose(electrons, rng))
-        if not done:
-            raise OSError(f"frame {k} could not be coded as TIFF")
-        write_whole(frames / f"frame-{k:05d}.tif", coded.tobytes())
-    for name, table in _tables(run).items():
-        write_whole(folder / name, table.to_csv(index=False, lineterminator="\n"))
-    write_whole(
-        folder / "camera.toml", setting.camera.to_toml() + "\n" + setting.detector.to_toml()
-    )
-    return folder
+    tables = _tables(run)
+    frames = [f"frames/frame-{k:05d}.tif" for k in range(n_frames)]
+    with claim(out, writes=[*frames, *tables, "camera.toml"], force=force) as results:
+        rng = np.random.default_rng(seed)
+        bar = tqdm(frames, desc="frames", unit="frame", delay=2, disable=not progress)
+        for k, name in enumerate(bar):
+            results.write(name, _frame(setting, run.truth_px[k], rng))
+        for name, table in tables.items():
+            results.write(name, table.to_csv(index=False, lineterminator="\n"))
+        toml = setting.camera.to_toml() + "\n" + setting.detector.to_toml()
+        results.write("camera.toml", toml)
+        results.publish({"losbench": __version__, "twin": "liu2026", "seed": seed})
+    return results.folder
+
+
+def _frame(setting: ThermalBench, spots_px: Floats, rng: np.random.Generator) -> bytes:
+    import cv2
+
+    electrons = np.full(setting.shape, setting.background_e)
+    for spot, flux in zip(spots_px, setting.flux_e, strict=True):
+        x, y = np.rint(spot).astype(int) - setting.window_px // 2
+        window = electrons[y : y + setting.window_px, x : x + setting.window_px]
+        window += render_spots(spot[None], flux, setting.spot_sigma_px, window.shape, (x, y))
+    done, coded = cv2.imencode(".tif", setting.detector.expose(electrons, rng))
+    if not done:
+        raise OSError("a frame could not be coded as TIFF")
+    return coded.tobytes()
 
 
 def _tables(run: WarmUp) -> dict[str, pd.DataFrame]:

@@ -5,12 +5,14 @@ and the truth.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from losbench.__about__ import __version__
+from losbench.outputs import claim
 from losbench.papers.ren2023.scenario import CONVENTION, Pair
 from losbench.papers.ren2023.twin import FIRST_DAY, simulate
-from losbench.resources import free_folder, write_whole
 from losbench.telemetry.columns import HeadColumns, TelemetryFormat
 from losbench.units import rad_to_arcsec
 
@@ -31,7 +33,7 @@ def write_telemetry(
     setting : Pair, optional
         The pair; by default as assumed for the paper.
     force : bool
-        Write into a folder that is not empty.
+        Replace what an earlier simulation left in the folder; other files stay.
 
     Returns
     -------
@@ -46,7 +48,6 @@ def write_telemetry(
     import pandas as pd
 
     pair = setting or Pair()
-    folder = free_folder(out, force=force)
     simulated = simulate(pair, seed)
     telemetry = simulated.telemetry
     heads = [
@@ -81,12 +82,13 @@ def write_telemetry(
         for k in range(2)
         for i, axis in enumerate("xyz")
     }
-    write_whole(
-        folder / "telemetry.csv", pd.DataFrame(columns).to_csv(index=False, lineterminator="\n")
-    )
-    write_whole(
-        folder / "truth.csv",
-        pd.DataFrame({"time": columns["time"]} | truth).to_csv(index=False, lineterminator="\n"),
-    )
-    write_whole(folder / "telemetry.toml", form.to_toml())
-    return folder
+    tables: dict[str, dict[str, Any]] = {
+        "telemetry.csv": columns,
+        "truth.csv": {"time": columns["time"]} | truth,
+    }
+    with claim(out, writes=[*tables, "telemetry.toml"], force=force) as results:
+        for name, table in tables.items():
+            results.write(name, pd.DataFrame(table).to_csv(index=False, lineterminator="\n"))
+        results.write("telemetry.toml", form.to_toml())
+        results.publish({"losbench": __version__, "twin": "ren2023", "seed": seed})
+    return results.folder
