@@ -5,6 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import losbench as lb
+from losbench.pointing.performance.intervals import freedom
+from losbench.pointing.performance.spectrum import spectrum
 from losbench.pointing.starcamera import (
     QuaternionConvention,
     check_design,
@@ -13,6 +15,8 @@ from losbench.pointing.starcamera import (
     interpolate_drift,
     time_tag_offset,
 )
+from losbench.pointing.starcamera.pair import PairTelemetry
+from losbench.pointing.starcamera.timing import _rate
 from losbench.units import arcsec_to_rad
 
 LAST = QuaternionConvention(scalar="last", direction="camera_to_inertial")
@@ -134,7 +138,49 @@ def test_as_many_samples_as_unknowns_are_one_too_few():
         lb.fit_sensitivity(WARMING[:3], angle[:3], time_s=TIME_S[:3], lag_s="fit")
 
 
+# Performance
+
+
+@pytest.mark.parametrize("step_s", [1.0, 0.125])
+def test_white_noise_has_as_many_degrees_of_freedom_as_samples(step_s):
+    n, rng, found = 4096, np.random.default_rng(5), []
+    for _ in range(60):
+        noise = rng.standard_normal((n, 1))
+        frequency, density, segments = spectrum(noise, [slice(0, n)], step_s, 4)
+        step_Hz = frequency[1] - frequency[0]
+        found.append(freedom(noise[:, 0] ** 2, density[:, 0], step_Hz, n * step_s, segments)[0])
+    assert segments == 15  # eight that do not overlap, and seven between them
+    assert np.mean(found) == pytest.approx(n, rel=0.01)
+
+
 # Attitudes
+
+
+def test_the_boresight_of_a_pair_is_z_unless_said():
+    assert PairTelemetry.boresight == (0.0, 0.0, 1.0)
+
+
+def test_a_rate_is_the_mean_over_the_whole_width():
+    """A wobble of 20 s has no mean rate over 20 s, and keeps 2 / pi of it over 10 s."""
+    time_s = np.arange(0.0, 200.0, 0.25)
+    turn = 1e-4 * np.sin(2 * np.pi * time_s / 20.0)
+    turned = Rotation.from_rotvec(turn[:, None] * np.array([1.0, 0.0, 0.0]))
+    inner = slice(100, -100)
+    rate = 1e-4 * 2 * np.pi / 20.0
+    assert np.abs(_rate(time_s, turned, 20.0)[inner]).max() < 1e-6 * rate
+    found = np.abs(_rate(time_s, turned, 10.0)[inner, 0]).max()
+    assert found == pytest.approx(rate * 2 / np.pi, rel=1e-3)
+
+
+def test_a_spot_is_bad_beyond_three_scales():
+    rng = np.random.default_rng(6)
+    shifts = 1e-4 * rng.standard_normal((200, 4, 2))
+    shifts[::3, 1] += rng.uniform(0.0, 1e-3, (67, 1))
+    track = lb.track_attitude(SQUARE, shifts, time_s=np.arange(200.0), window=5)
+    size = np.sqrt(np.mean(track.residuals**2, axis=-1))
+    np.testing.assert_array_equal(track.bad, size > 3.0 * track.scale[:, None])
+    between = (size > 2.0 * track.scale[:, None]) & (size < 4.5 * track.scale[:, None])
+    assert 0 < track.bad[between].sum() < between.sum()
 
 
 SQUARE = np.array([[5.0, 5.0, 260.0], [-5.0, 5.0, 260.0], [-5.0, -5.0, 260.0], [5.0, -5.0, 260.0]])

@@ -53,9 +53,9 @@ def freedom(
         Segments that the spectrum is a mean of.
     """
     power, square = density.sum() * step_Hz, (density**2).sum() * step_Hz
-    # The square of an estimated density is too large by its own variance; half-overlapping Hann
-    # segments count for 0.6 of independent ones.
-    square /= 1.0 + 1.0 / (0.6 * k)
+    # The square of an estimated density is too large by its own variance. Hann windows that overlap
+    # by half have a correlation of 1/6, their powers of its square (Welch 1967).
+    square /= 1.0 + (1.0 + 2.0 / 36.0) / k
     by_spectrum = 2.0 * record_s * power**2 / square if square > 0 else np.inf
     mean, error = float(squares.mean()), mean_variance(squares)
     by_windows = 2.0 * mean**2 / error if error > 0 else np.inf
