@@ -9,6 +9,7 @@ from scipy.stats import norm
 import losbench as lb
 from losbench.estimation.allan import _freedom
 from losbench.estimation.solvers import as_part
+from losbench.estimation.stability import _efficiency
 
 LINE = np.column_stack([np.ones(5), np.arange(5.0)])
 HEIGHTS = np.array([1.1, 2.9, 50.0, 7.1, 8.9])
@@ -92,3 +93,20 @@ def test_outliers_are_beyond_three_scales():
     np.testing.assert_array_equal(fit.outliers(), size > 3.0)
     just = float(size.max())
     assert fit.outliers(0.999 * just).any() and not fit.outliers(1.001 * just).any()
+
+
+def test_the_mad_has_the_efficiency_of_its_closed_form():
+    """Asymptotic variance of the MAD's sigma, 1 / (16 q^2 phi(q)^2), against 1 / 2."""
+    q = norm.ppf(0.75)
+    assert _efficiency("mad") == pytest.approx(8 * (q * norm.pdf(q)) ** 2, abs=1e-4)
+    assert _efficiency("std") == 1.0
+
+
+def test_four_samples_can_be_smoothed_and_three_cannot():
+    series = np.array([0.0, 1.0, 0.5, 2.0, np.nan, np.nan])
+    assert np.isfinite(lb.kalman_smooth(series).smoothed[:4]).all()
+    series[3] = np.nan
+    with pytest.warns(RuntimeWarning, match="1 of 1 series are too short"):
+        assert np.isnan(lb.kalman_smooth(series).smoothed).all()
+    with pytest.raises(ValueError, match="series must have at least 4 frames"):
+        lb.kalman_smooth(series[:3])
