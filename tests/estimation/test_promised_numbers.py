@@ -61,7 +61,24 @@ def test_one_negative_scale_among_many_is_refused():
         return found
 
     with pytest.raises(ValueError, match="one non-negative number for each system"):
-        lb.irls(LINE, np.stack([HEIGHTS, HEIGHTS]), scale=scale)
+        lb.irls(LINE, np.stack([HEIGHTS, HEIGHTS]), scale=scale, max_iter=1, on_fail="ignore")
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_a_scale_of_one_s_own_sees_residuals_in_their_unit(unit):
+    def scale(residuals):
+        return np.median(np.abs(residuals), axis=-1) / norm.ppf(0.75)
+
+    own, named = (lb.irls(LINE, unit * HEIGHTS, scale=each) for each in (scale, "mad"))
+    assert own.scale == pytest.approx(named.scale, rel=1e-9)
+    np.testing.assert_allclose(own.x, named.x, rtol=1e-9)
+
+
+def test_a_batch_shows_the_lowest_weight_of_each_system():
+    text = lb.irls(LINE, np.stack([HEIGHTS, 2 * HEIGHTS])).summary()
+    (row,) = (line for line in text.splitlines() if line.startswith("lowest weight"))
+    lowest = lb.irls(LINE, HEIGHTS).weights.min()
+    assert float(row.split()[2]) == pytest.approx(lowest, rel=1e-3)
 
 
 def test_a_part_of_a_task_takes_the_known_scale_unless_the_solver_has_its_own():
