@@ -46,6 +46,8 @@ def _image(folder):
     small = (FRAMES >> 4).astype(np.uint8)
     for suffix, frames in ((".png", FRAMES), (".pgm", FRAMES), (".bmp", small), (".jpg", small)):
         yield write.images(folder / suffix[1:], frames[:1], suffix) / f"frame-0{suffix}"
+    (folder / "text.pgm").write_text("P2\n# text\n4 2\n4095\n0 7 9 4095\n1 2 3 4\n")
+    yield folder / "text.pgm"
     colour = np.repeat(small[:1, ..., None], 3, axis=-1)
     yield write.images(folder / "colour", colour, ".png") / "frame-0.png"
 

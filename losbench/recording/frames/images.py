@@ -74,7 +74,9 @@ def _decoded(path: Path, label: str) -> NDArray[Any]:
         raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
     if frame.ndim == 3:  # OpenCV puts blue first
         return frame[..., [2, 1, 0, 3][: frame.shape[-1]]]
-    return frame // _stretched(data, label)
+    with decoding(label):
+        stretched = _stretched(data, label)
+    return frame if stretched == 1 else frame // stretched
 
 
 def _stretched(data: bytes, label: str) -> int:
