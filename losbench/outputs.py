@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-__all__ = ["REPORT", "Claim", "claim", "locked"]
+__all__ = ["REPORT", "Claim", "claim", "into", "locked"]
 
 REPORT = "report.json"
 
@@ -161,6 +161,16 @@ def claim(
             yield Claim(folder, draft)
         finally:
             shutil.rmtree(draft, ignore_errors=True)
+
+
+@contextmanager
+def into(target: str | Path | Claim, writes: Iterable[str]) -> Iterator[Claim]:
+    """A folder that was claimed before, or one that is claimed now, in place of earlier results."""
+    if isinstance(target, Claim):
+        yield target
+    else:
+        with claim(target, writes=writes, force=True) as results:
+            yield results
 
 
 @contextmanager

@@ -116,13 +116,12 @@ def _run(options: argparse.Namespace) -> int:
     from losbench.imaging.detector import Detector
     from losbench.logs import read_temperature_log, read_times
     from losbench.optics.camera import Camera
+    from losbench.outputs import claim
     from losbench.recording.measure import measure
-    from losbench.recording.report import write_report
-    from losbench.resources import free_folder
+    from losbench.recording.report import WRITTEN, write_report
 
-    # What can be wrong with the arguments is found before the frames are read, which may take
-    # minutes.
-    folder = free_folder(options.out, force=options.force)
+    # What can be wrong with the arguments or the folder is found before the frames are read, which
+    # may take minutes.
     camera = Camera.from_toml(options.camera) if options.camera else None
     detector = Detector.from_toml(options.camera) if options.camera else None
     dialect = dialect_options(options)
@@ -135,27 +134,31 @@ def _run(options: argparse.Namespace) -> int:
     )
     named = pairs(options.times_column, _COLUMN.format("times-"))
     times = read_times(options.times, None, columns=named, **dialect) if options.times else None
-    recording = recording_of(options, detector, times)
-    measurement = measure(
-        recording,
-        camera,
-        spots=_spots(options.spots),
-        n_spots=options.n_spots,
-        temperature=log,
-        method=options.method,
-        window=options.window,
-        background=options.background,
-        reference=options.reference
-        if options.reference == "first"
-        else _whole("reference", options.reference),
-        smooth=options.smooth,
-        model=options.model,
-        solver=options.solver,
-        progress=not options.quiet,
-    )
-    lines = write_report(measurement, folder, recording=recording)
-    if not options.quiet:
-        print("\n".join(lines))
+    calibration = [options.dark, options.flat, options.bad_pixels]
+    tables = [options.camera, options.temperature, options.times]
+    inputs = [path for path in [*options.frames, *calibration, *tables] if path is not None]
+    with claim(options.out, inputs=inputs, writes=WRITTEN, force=options.force) as results:
+        recording = recording_of(options, detector, times)
+        measurement = measure(
+            recording,
+            camera,
+            spots=_spots(options.spots),
+            n_spots=options.n_spots,
+            temperature=log,
+            method=options.method,
+            window=options.window,
+            background=options.background,
+            reference=options.reference
+            if options.reference == "first"
+            else _whole("reference", options.reference),
+            smooth=options.smooth,
+            model=options.model,
+            solver=options.solver,
+            progress=not options.quiet,
+        )
+        lines = write_report(measurement, results, recording=recording)
+        if not options.quiet:
+            print("\n".join(lines))
     return 0
 
 

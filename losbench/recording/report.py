@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +10,10 @@ from numpy.typing import NDArray
 
 from losbench.__about__ import __version__
 from losbench.arrays import Bools, Floats
+from losbench.outputs import Claim, into
 from losbench.pointing.thermal import SensitivityFit, fit_sensitivity
 from losbench.recording.measure import Measurement
 from losbench.recording.readers import Recording
-from losbench.resources import write_whole
 from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
@@ -22,12 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["write_report"]
+__all__ = ["WRITTEN", "write_report"]
 
 _AXES = {"alpha": "X", "beta": "Y", "gamma": "Z"}
-_WRITTEN = (
+WRITTEN = (
     "measurement.csv",
-    "report.json",
     "shifts.png",
     "angles.png",
     "angles-over-temperature.png",
@@ -37,7 +35,9 @@ _SMALLEST_RANGE_DEGC = 0.5
 _SHORTEST_LAG = 0.2  # steps from frame to frame; a lag that may be shorter is none
 
 
-def write_report(measurement: Measurement, folder: Path, *, recording: Recording) -> list[str]:
+def write_report(
+    measurement: Measurement, folder: Path | Claim, *, recording: Recording
+) -> list[str]:
     """Write ``measurement.csv``, ``shifts.png``, with a camera ``angles.png``, and ``report.json``.
 
     With temperatures, ``angles-over-temperature.png`` and the sensitivity of each axis come too.
@@ -46,8 +46,8 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
     ----------
     measurement : Measurement
         With positions as an (F, n, 2) array and its table.
-    folder : Path
-        Made if it is not there.
+    folder : Path or Claim
+        Made if it is not there; what an earlier run left in it is replaced in one swap.
     recording : Recording
         What was measured.
 
@@ -66,14 +66,6 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
     if sensitivity is not None:
         lines += _sentences(sensitivity, table)
     pictures = _pictures(measurement, sensitivity)
-    for name in _WRITTEN:
-        (folder / name).unlink(missing_ok=True)
-    write_whole(
-        folder / "measurement.csv",
-        table.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
-    )
-    for name, content in pictures.items():
-        write_whole(folder / name, content)
     report = {
         "losbench": __version__,
         "source": recording.source.resolve().name,
@@ -82,8 +74,14 @@ def write_report(measurement: Measurement, folder: Path, *, recording: Recording
         "sensitivity_to": None if sensitivity is None else _temperature_columns(table)[0],
         "sensitivity": None if sensitivity is None else _numbers(sensitivity, table),
     }
-    write_whole(folder / "report.json", json.dumps(report, indent=1) + "\n")
-    return [*lines, f"Written to {folder}: measurement.csv, report.json, {', '.join(pictures)}"]
+    text = table.to_csv(index=False, lineterminator="\n", float_format="%.9g")
+    files: dict[str, str | bytes] = {"measurement.csv": text, **pictures}
+    with into(folder, WRITTEN) as results:
+        for name, content in files.items():
+            results.write(name, content)
+        results.publish(report)
+    names = ", ".join(["measurement.csv", "report.json", *pictures])
+    return [*lines, f"Written to {results.folder}: {names}"]
 
 
 def _temperature_columns(table: pd.DataFrame) -> list[str]:
@@ -227,5 +225,5 @@ def _one_below_another(n: int, label: str) -> tuple[Figure, list[Axes]]:
 
     fig = Figure(figsize=(8.0, 2.0 * n + 0.6))
     axes = list(fig.subplots(n, 1, sharex=True))
-    axes[-1].set_xlabel(label)
+    axes[-1].set_xlabel(label, parse_math=False)  # a sensor may be called T_$1$
     return fig, axes
