@@ -9,6 +9,7 @@ import re
 import nbformat
 import pytest
 
+from losbench.outputs import locked
 from losbench.resources import data_file as real
 from losbench.workbench.reproduction.reproduce import reproduce
 
@@ -164,3 +165,20 @@ def test_one_digit_means_the_notebook_of_that_number(notebooks, tmp_path):
     for number in ("1", "01"):
         runs = reproduce([number], out=tmp_path / "build", notebooks=notebooks, quiet=True).runs
         assert [run.notebook for run in runs] == ["01-judge"]
+
+
+def test_two_runs_do_not_write_to_one_folder(notebooks, tmp_path):
+    with (
+        locked((tmp_path / "build").resolve()),
+        pytest.raises(BlockingIOError, match="another run is writing to build"),
+    ):
+        reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, quiet=True)
+
+
+def test_names_are_quoted_in_addresses_and_escaped_in_attributes(tmp_path):
+    from losbench.workbench.reproduction.pages import index_page
+
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / 'a"b<&#.csv').write_text("x")
+    page = index_page([], tmp_path)
+    assert 'href="../tables/a%22b%3C%26%23.csv">a&quot;b&lt;&amp;#.csv</a>' in page

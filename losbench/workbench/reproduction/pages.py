@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 from losbench.workbench.ledger.claims import VERDICTS
 
@@ -21,15 +22,17 @@ def index_page(notebooks: Iterable[Path], build: Path) -> str:
     beside it.
     """
     items = "".join(
-        f'<li><a href="{path.stem}.html">{escape(_title(path))}</a></li>\n' for path in notebooks
+        f'<li><a href="{_url(path.stem)}.html">{escape(_title(path))}</a></li>\n'
+        for path in notebooks
     )
     tables = [path.name for path in sorted((build / "tables").glob("*.csv"))]
     listed = (
-        ", ".join(f'<a href="../tables/{name}">{escape(name)}</a>' for name in tables) or "none"
+        ", ".join(f'<a href="../tables/{_url(name)}">{escape(name)}</a>' for name in tables)
+        or "none"
     )
     figures = [path.name for path in sorted((build / "figures").glob("*.png"))]
     pictures = "".join(
-        f'<figure><a href="../figures/{name}"><img src="../figures/{name}" '
+        f'<figure><a href="../figures/{_url(name)}"><img src="../figures/{_url(name)}" '
         f'alt="{escape(name)}"></a>'
         f"<figcaption>{escape(name)}</figcaption></figure>\n"
         for name in figures
@@ -44,7 +47,7 @@ def ledger_page(rows: list[dict[str, str]], pages: Iterable[str] = ()) -> str:
     page_of = {name.partition("-")[0]: f"html/{name}.html" for name in pages}
     counts = Counter(row["verdict"] for row in rows)
     key = "".join(
-        f'<tr><td class="{verdict}">{verdict}</td><td>{counts[verdict]}</td><td>{escape(meaning)}</td></tr>'
+        f'<tr><td class="{escape(verdict)}">{escape(verdict)}</td><td>{counts[verdict]}</td><td>{escape(meaning)}</td></tr>'
         for verdict, meaning in VERDICTS.items()
     )
     body = "\n".join(_row(row, page_of) for row in rows)
@@ -55,7 +58,7 @@ def _row(row: Mapping[str, str], page_of: Mapping[str, str]) -> str:
     text = {name: escape(value) for name, value in row.items()}
     judged = re.match(r"Notebook (\d+)", row["evidence"])
     if judged and judged[1] in page_of:
-        text["id"] = f'<a href="{page_of[judged[1]]}">{text["id"]}</a>'
+        text["id"] = f'<a href="{_url(page_of[judged[1]])}">{text["id"]}</a>'
     error = f" ± {text['uncertainty']}" if text["uncertainty"] not in ("", "0") else ""
     cells = {
         "id": text["id"],
@@ -69,7 +72,7 @@ def _row(row: Mapping[str, str], page_of: Mapping[str, str]) -> str:
     }
     return (
         f'<tr id="{row["id"]}">'
-        + "".join(f'<td class="{kind}">{cell}</td>' for kind, cell in cells.items())
+        + "".join(f'<td class="{escape(kind)}">{cell}</td>' for kind, cell in cells.items())
         + "</tr>"
     )
 
@@ -123,3 +126,8 @@ table.</p>
 {body}
 </table></body></html>
 """
+
+
+def _url(name: str) -> str:
+    """A name of a file as part of an address within an attribute."""
+    return escape(quote(name))

@@ -23,6 +23,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from losbench.checks import integer
+from losbench.outputs import locked
 from losbench.resources import build_folder, data_file, notebook_folder, write_whole
 from losbench.workbench.ledger.claims import accept, accepted_verdicts
 from losbench.workbench.ledger.verdicts import Ledger
@@ -107,6 +108,8 @@ def reproduce(
     ------
     ValueError
         If nothing matches ``select``.
+    OSError
+        If nothing can be written to ``out``, or another run writes there.
     """
     integer("workers", workers, low=1)
     source = Path(notebooks or notebook_folder())
@@ -116,14 +119,15 @@ def reproduce(
     chosen = [path for path in every if not begins or path.name.startswith(begins)]
     if not chosen:
         raise ValueError(f"no notebook begins with {', '.join(select) or 'a number'} in {source}")
-    target.mkdir(parents=True, exist_ok=True)
-    _forget(target, keep={path.stem for path in every})
-    runs = _run_all(chosen, target, workers=workers, force=force, quiet=quiet)
-    pages = [path for path in every if (target / "html" / f"{path.stem}.html").is_file()]
-    write_whole(target / "html" / "index.html", index_page(pages, target))
-    changed, counts = _settle(
-        target, pages, complete=not select, accept_verdicts=accept_verdicts, runs=runs
-    )
+    with locked(target):
+        target.mkdir(parents=True, exist_ok=True)
+        _forget(target, keep={path.stem for path in every})
+        runs = _run_all(chosen, target, workers=workers, force=force, quiet=quiet)
+        pages = [path for path in every if (target / "html" / f"{path.stem}.html").is_file()]
+        write_whole(target / "html" / "index.html", index_page(pages, target))
+        changed, counts = _settle(
+            target, pages, complete=not select, accept_verdicts=accept_verdicts, runs=runs
+        )
     return Reproduction(runs, changed, target, counts)
 
 
