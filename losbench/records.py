@@ -15,6 +15,7 @@ import numpy as np
 __all__ = ["changed", "join", "put", "stack", "take"]
 
 Record = TypeVar("Record", bound=Any)  # a dataclass
+_ARRAYS = (np.ndarray, np.generic)
 Array = Any  # NDArray[Any], or a NumPy scalar where a record has no axes
 
 
@@ -68,9 +69,6 @@ def _together(records: Sequence[Record], gather: Callable[[list[Array]], Array])
 
 
 def _arrays(record: Any, only: Collection[str] | None) -> dict[str, Array]:
-    held: dict[str, Any] = {each.name: getattr(record, each.name) for each in fields(record)}
-    return {
-        name: value
-        for name, value in held.items()
-        if isinstance(value, np.ndarray | np.generic) and (only is None or name in only)
-    }
+    names = [each.name for each in fields(record)] if only is None else only
+    held = ((name, getattr(record, name)) for name in names)
+    return {name: value for name, value in held if isinstance(value, _ARRAYS)}

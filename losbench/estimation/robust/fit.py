@@ -346,8 +346,8 @@ def _start(problem: Problem, A: ArrayLike, x0: ArrayLike) -> Floats:
 def report_rank(problem: Problem, on_fail: str) -> None:
     """Say so, once, if systems do not determine every unknown."""
     p = problem.basis.shape[1]
-    short = int(np.count_nonzero(np.broadcast_to(problem.rank, len(problem.y)) < p))
-    if short:
+    if problem.rank.min() < p:
+        short = np.count_nonzero(np.broadcast_to(problem.rank, len(problem.y)) < p)
         _tell(
             f"{short} of {len(problem.y)} systems do not determine every unknown",
             "errors of what they leave open are NaN, see .rank",

@@ -149,7 +149,8 @@ def solve_attitude(
         else recipe.solve(blocks, design_matrix(p, model)[None], blocks.shifts)
     )
     # The sum of leverages is the rank.
-    blind = int(np.count_nonzero(fit.ok & (np.nansum(fit.leverage, axis=(1, 2)) < 2.5)))
+    rank = fit.leverage.sum(axis=(1, 2), where=blocks.present[..., None])
+    blind = int(np.count_nonzero(fit.ok & (rank < 2.5)))
     if blind:
         warnings.warn(
             f"{blind} of {fit.ok.size} solves do not determine all three angles; errors of what "
