@@ -42,6 +42,7 @@ from .imaging.centroid import centroid as centroid
 from .imaging.centroid import window_path as window_path
 from .imaging.detector import Detector as Detector
 from .imaging.eiwa import EIWA as EIWA
+from .imaging.finder import Find as Find
 from .imaging.finder import find_spots as find_spots
 from .imaging.gaussian import Gaussian as Gaussian
 from .imaging.grey import Grey as Grey
@@ -99,15 +100,18 @@ from .pointing.thermal import identify as identify
 from .pointing.thermal import terms as terms
 from .pointing.tracking import AttitudeTrack as AttitudeTrack
 from .pointing.tracking import track_attitude as track_attitude
+from .recording.angles import Angles as Angles
+from .recording.belief import Belief as Belief
 from .recording.frames.door import open_frames as open_frames
 from .recording.frames.door import register_reader as register_reader
 from .recording.frames.protocol import Frames as Frames
 from .recording.frames.protocol import UnreadableFrame as UnreadableFrame
-from .recording.measure import Measurement as Measurement
 from .recording.measure import measure as measure
+from .recording.measurement import Measurement as Measurement
 from .recording.readers import Recording as Recording
 from .recording.readers import read_recording as read_recording
 from .recording.report import write_report as write_report
+from .recording.run import Run as Run
 from .series import sliding_mean as sliding_mean
 from .telemetry.correct import correct_telemetry as correct_telemetry
 from .workbench import explorers as explorers

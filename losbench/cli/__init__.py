@@ -18,7 +18,7 @@ from contextlib import suppress
 from losbench.__about__ import __version__
 from losbench.cli import drift, ledger, measure, reproduce, simulate
 
-__all__ = ["is_for_the_user", "main"]
+__all__ = ["main"]
 
 _RAISE = dis.opmap["RAISE_VARARGS"]
 
@@ -42,13 +42,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(said, "interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        if options.debug or not is_for_the_user(error):
+        if options.debug or not _is_for_the_user(error):
             raise
         print(said, _in_one_line(str(error)) or type(error).__name__, file=sys.stderr)
         return 2
 
 
-def is_for_the_user(error: Exception) -> bool:
+def _is_for_the_user(error: Exception) -> bool:
     """Whether an error tells of an argument, a file or the machine, and not of losbench itself: of
     errors of value only those that a check of losbench raised, by a ``raise`` of its own.
     """

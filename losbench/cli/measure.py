@@ -6,6 +6,14 @@ import argparse
 from pathlib import Path
 
 from losbench.cli.arguments import Commands, add_dialect, dialect_options, pairs
+from losbench.cli.choices import (
+    add_choices,
+    angles_of,
+    background_of,
+    centroid_of,
+    reference_of,
+    spots_of,
+)
 from losbench.cli.frames import add_frames, recording_of
 
 __all__ = ["add"]
@@ -73,52 +81,22 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         metavar="STANDARD=OWN",
         help="name of a log column, e.g. temperature_degC=T1",
     )
-    parser.add_argument(
-        "--spots",
-        metavar="X,Y ...",
-        help='spot positions in the first frame, "690,539 1230,539"; default found',
-    )
-    parser.add_argument(
-        "--n-spots", type=int, help="how many spots to find; default all that stand out"
-    )
-    parser.add_argument(
-        "--method",
-        default="eiwa",
-        choices=["eiwa", "grey", "weighted", "gaussian"],
-        help="centroid (%(default)s)",
-    )
-    parser.add_argument(
-        "--window", type=int, help="window side in pixels, odd; default 6 sigma of the spot"
-    )
-    parser.add_argument(
-        "--background", default="ring", choices=["ring", "none"], help="background (%(default)s)"
-    )
-    parser.add_argument(
-        "--reference",
-        default="first",
-        metavar="first|K",
-        help="shifts count from the first frame or the mean of K",
-    )
-    parser.add_argument(
-        "--smooth", choices=["kalman"], help="smooth the positions before taking shifts"
-    )
-    parser.add_argument(
-        "--model", default="pinhole", choices=["pinhole", "paper"], help="geometry (%(default)s)"
-    )
-    parser.add_argument(
-        "--solver", default="auto", choices=["auto", "irls", "ls"], help="angles (%(default)s)"
-    )
+    add_choices(parser)
     add_dialect(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
     from losbench.imaging.detector import Detector
+    from losbench.imaging.eiwa import EIWA
+    from losbench.imaging.weighted import Weighted
     from losbench.logs import read_temperature_log, read_times
     from losbench.optics.camera import Camera
     from losbench.outputs import claim
     from losbench.recording.measure import measure
     from losbench.recording.report import WRITTEN, write_report
+    from losbench.recording.run import Run
+    from losbench.recording.second import second_opinion
 
     # What can be wrong with the arguments or the folder is found before the frames are read, which
     # may take minutes.
@@ -139,42 +117,25 @@ def _run(options: argparse.Namespace) -> int:
     inputs = [path for path in [*options.frames, *calibration, *tables] if path is not None]
     with claim(options.out, inputs=inputs, writes=WRITTEN, force=options.force) as results:
         recording = recording_of(options, detector, times)
+        centroid, background = centroid_of(options), background_of(options)
         measurement = measure(
             recording,
             camera,
-            spots=_spots(options.spots),
-            n_spots=options.n_spots,
+            spots=spots_of(options),
             temperature=log,
-            method=options.method,
-            window=options.window,
-            background=options.background,
-            reference=options.reference
-            if options.reference == "first"
-            else _whole("reference", options.reference),
-            smooth=options.smooth,
-            model=options.model,
-            solver=options.solver,
-            progress=not options.quiet,
+            centroid=centroid,
+            background=background,
+            solver=angles_of(options),
+            reference=reference_of(options),
+            run=Run(progress=not options.quiet),
         )
-        lines = write_report(measurement, results, recording=recording)
+        other = second_opinion(
+            recording,
+            measurement,
+            EIWA(centroid.window) if centroid.template else Weighted(window=centroid.window),
+            background=background,
+        )
+        lines = write_report(measurement, results, recording=recording, other=other)
         if not options.quiet:
             print("\n".join(lines))
     return 0
-
-
-def _spots(text: str | None) -> list[list[float]] | None:
-    if text is None:
-        return None
-    try:
-        return [[float(x), float(y)] for x, y in (pair.split(",") for pair in text.split())]
-    except ValueError:
-        raise ValueError(
-            f'--spots must be X,Y pairs in pixels, e.g. "690.3,539.1 1229.8,538.6", got {text!r}'
-        ) from None
-
-
-def _whole(name: str, text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(f"--{name} must be 'first' or a whole number, got {text!r}") from None

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from losbench.arrays import Bools, Floats, Pixels
-from losbench.checks import choice, number, odd
+from losbench.checks import number, odd
 
-__all__ = ["RING", "Background", "Level", "Plane", "Ring", "as_background"]
+__all__ = ["RING", "Background", "Level", "Plane", "Ring"]
 
 
 RING = 4  # pixels, the ring's breadth
@@ -164,36 +164,6 @@ class Level:
             slope_variance=np.zeros_like(ring.slope),
             excess=nothing,
         )
-
-
-_NAMED: dict[str, Background] = {"ring": Ring(), "none": Level(0.0)}
-
-
-def as_background(
-    background: Background | str | float | None, ring: int | None = None
-) -> Background:
-    """Return the object that a name, a number or None stands for; ``ring`` is the side for "ring".
-
-    Raises
-    ------
-    ValueError
-        If there is none, or a side is given beside another background.
-    """
-    found: Background
-    if isinstance(background, Background):
-        found = background
-    elif background is None or isinstance(background, str):
-        found = _NAMED[choice("background", background or "none", _NAMED)]
-    else:
-        found = Level(number("background", background))
-    if ring is None:
-        return found
-    if background != "ring":
-        raise ValueError(
-            f"ring and background exclude each other: got ring={ring!r} beside "
-            f"background={background!r}; give background=Ring({ring!r})"
-        )
-    return Ring(ring)
 
 
 def fit_ring(stamps: Pixels, side: int) -> Plane:

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats
-from losbench.imaging.background import RING, Background, as_background
+from losbench.imaging.background import RING, Background
 from losbench.imaging.common import smoothed
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import EIWA
 from losbench.imaging.engine import Engine
-from losbench.imaging.methods import MethodFields, as_method
+from losbench.imaging.methods import MethodFields, as_background, as_method
+from losbench.imaging.places import as_stack, as_starts, in_frame, peak_pixels
 from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.results import Centroids, Measured, SpotFlag
 from losbench.imaging.sizes import default_window
-from losbench.imaging.stamps import as_stack, as_starts, in_frame, peak_pixels
 from losbench.imaging.widths import spot_widths
 
 __all__ = ["centroid", "default_window", "window_path"]
@@ -115,21 +115,20 @@ def centroid(
     stack = as_stack(frames)
     places = as_starts("start", start, len(stack))
     side = default_window(stack, places) if chosen.window is None else chosen.window
-    engine = Engine.of_stack(stack, chosen, under, side, detector or noise, full_scale_dn)
-
     first = chosen.centre or ("peak" if chosen.stays else "start")
     at = peak_pixels(stack, places, max(2, side // 4)) if first == "peak" else places
     frame, spot, middle = in_frame(stack, at)
-    width = spot_widths(engine, stack, frame, spot, middle, places.shape[1])
     result = Measured.nothing(places.shape[:2])
+    engine = Engine.of_stack(stack, chosen, under, side, detector or noise, full_scale_dn)
+    width = spot_widths(engine, stack, frame, spot, middle, places.shape[1])
     per_block = max(1, _BLOCK_PIXELS // (engine.ring + 2 * RING) ** 2)
     for first_of_block in range(0, len(frame), per_block):
         block = slice(first_of_block, first_of_block + per_block)
         where = frame[block], spot[block]
-        result.put(
-            where,
-            engine.measure(stack, frame[block], middle[block], at[where], width=width[spot[block]]),
+        part = engine.measure(
+            stack, frame[block], middle[block], at[where], width=width[spot[block]]
         )
+        result.put(where, part)
     result.flags[_crowded(places, side)] |= SpotFlag.NEIGHBOUR
     if chosen.smooth is not None:
         xy, sigma = smoothed(chosen.smooth, result.xy)
@@ -181,9 +180,8 @@ def window_path(
     >>> window_path(image, [19, 17], window=13)[[0, 1, -1]].round(2).tolist()
     [[19.0, 17.0], [20.27, 15.82], [20.3, 15.8]]
     """
-    return EIWA(window, stop, tolerance, max_iter=max_iter).path(
-        image, start, background=background
-    )
+    method = EIWA(window, stop, tolerance, max_iter=max_iter)
+    return method.path(image, start, background=as_background(background))
 
 
 def _crowded(places: Floats, window: int) -> Bools:

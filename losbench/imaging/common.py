@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeAlias
+
+from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
-from losbench.checks import boolean, choice, odd
+from losbench.checks import boolean, choice, finite, odd
 from losbench.estimation.smoothing import Smoothed, kalman_smooth
 from losbench.imaging.protocols import CentroidMethod
 
-__all__ = ["check_fields", "smoothed"]
+__all__ = ["Width", "as_width", "check_fields", "smoothed"]
 
+
+Width: TypeAlias = float | tuple[float, float] | tuple[tuple[float, float], ...]
 
 _SMOOTHERS: dict[str, Callable[[Floats], Smoothed]] = {"kalman": kalman_smooth}
 
@@ -23,6 +28,28 @@ def check_fields(method: CentroidMethod) -> None:
         choice("centre", method.centre, ("start", "peak"))
     boolean("hot_pixel_gate", method.hot_pixel_gate)
     choice("smooth", method.smooth or "none", ("none", *_SMOOTHERS))
+
+
+def as_width(width: ArrayLike | None) -> Width | None:
+    """Return the sigma of a template as a number, a pair, or a pair for each spot; None stays.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these, or below 0.1 pixels.
+    """
+    if width is None:
+        return None
+    given = finite("width (sigma of a spot)", width)
+    fits = given.shape in ((), (2,)) or (given.ndim == 2 and given.shape[1] == 2)
+    if not fits or not (given >= 0.1).all():
+        raise ValueError(
+            "width (sigma of a spot) must be a number, two, or two for each spot, of at least 0.1 "
+            f"pixels, got {width!r}"
+        )
+    if given.ndim == 2:
+        return tuple((x, y) for x, y in given.tolist())
+    return float(given) if given.ndim == 0 else (float(given[0]), float(given[1]))
 
 
 def smoothed(name: str, xy: Floats) -> tuple[Floats, Floats]:

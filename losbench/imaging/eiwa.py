@@ -19,17 +19,18 @@ from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats
 from losbench.checks import choice, integer, number
-from losbench.imaging.background import Background, as_background
+from losbench.imaging.background import Background, Ring
 from losbench.imaging.common import check_fields
 from losbench.imaging.engine import Engine
+from losbench.imaging.places import as_stack, as_starts, in_frame
 from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.sizes import default_window
-from losbench.imaging.stamps import as_stack, as_starts, in_frame
 from losbench.imaging.window import NEWTON_LIMIT, Look, WindowFit, look, window_estimate
 
 __all__ = ["EIWA"]
 
 
+_RING = Ring()
 _LONGEST_STEP = 1.0  # pixels
 _NEWTON_LEAVES = (
     0.1  # part of a Newton step that may be left after it: the contraction's own change and noise
@@ -167,7 +168,7 @@ class EIWA:
         image: ArrayLike,
         start: ArrayLike,
         *,
-        background: Background | str | float | None = "ring",
+        background: Background = _RING,
     ) -> Floats:
         """Centres that the window takes on its way to one spot, from the start to where it rests.
 
@@ -175,8 +176,7 @@ class EIWA:
         ----------
         image : (H, W) array, DN
         start : (2,) array, pixels
-        background : Background, "ring", "none", float or None
-            As for `centroid`.
+        background : Ring or Level
 
         Returns
         -------
@@ -199,7 +199,7 @@ class EIWA:
         place = as_starts("start", np.asarray(start, dtype=np.float64).reshape(-1, 2), 1)
         side = default_window(stack, place) if self.window is None else self.window
         watched = _Watched(**vars(self))
-        engine = Engine.of_stack(stack, watched, as_background(background), side)
+        engine = Engine.of_stack(stack, watched, background, side)
         frame, _, middle = in_frame(stack, place)
         if len(frame) != 1 or len(stack) != 1:
             raise ValueError(

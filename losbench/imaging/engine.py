@@ -10,40 +10,23 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Bools, Floats, Indices, Pixels
+from losbench.arrays import Floats, Indices, Pixels
 from losbench.checks import integer, number
-from losbench.imaging.background import RING, Background, Plane
+from losbench.imaging.background import RING, Background
 from losbench.imaging.detector import Detector
+from losbench.imaging.flags import Cut, judged
 from losbench.imaging.hotpixels import gate_hot_pixels
-from losbench.imaging.noise import PixelNoise, peak_reading, pixel_noise
-from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
+from losbench.imaging.noise import peak_reading, pixel_noise
+from losbench.imaging.protocols import CentroidMethod, Windows
 from losbench.imaging.results import Measured, SpotFlag
 from losbench.imaging.stamps import cut_stamps
-from losbench.imaging.window import look
 
-__all__ = ["Cut", "Engine"]
+__all__ = ["Engine"]
 
 
 # over a half, so that a centroid near a pixel border is not cut back and forth
 _OFF_CENTRE = 0.6  # pixels
 _MOST_RECUTS = 10
-_FAINTEST = 5.0  # flux in units of its error
-_PLATEAU = 5  # pixels
-_LEAK = 0.01  # of the peak
-_SURE = 5.0  # sigma
-
-
-@dataclass(frozen=True)
-class Cut:
-    """M windows as they were read, the background under them, what is left, and what was not
-    read.
-    """
-
-    raw: Pixels
-    signal: Pixels
-    missing: Bools | None
-    plane: Plane
-    noise: PixelNoise
 
 
 @dataclass(frozen=True)
@@ -128,7 +111,7 @@ class Engine:
         here = (start if now is None else now) - middle
         windows = Windows(cut.signal, self.window, here, middle, cut.noise, width)
         fit = self.method.measure(windows)
-        result = self._judged(stack.shape[1:], middle, cut, fit)
+        result = judged(stack.shape[1:], middle, cut, fit)
         if self.method.stays:
             return result
 
@@ -174,61 +157,8 @@ class Engine:
             signal = gate_hot_pixels(signal, np.nan_to_num(plane.scatter))[:, 1:-1, 1:-1]
             raw = raw[:, 1:-1, 1:-1]
             missing = None if missing is None else missing[:, 1:-1, 1:-1]
-        noise = pixel_noise(raw, missing, plane, self.detector, self.rounding)
-        return Cut(raw, signal, missing, plane, noise)
-
-    def saturated(self, cut: Cut, level: Floats) -> Bools:
-        """Full scale is reached, or more pixels share the maximum than whole numbers make of a
-        round top.
-        """
-        inner = cut.raw[:, 1:-1, 1:-1].reshape(len(level), -1)
-        if cut.missing is not None:
-            inner = np.where(np.isnan(inner), -np.inf, inner)
-        top = inner.max(axis=1)
-        sharing = (inner == top[:, None]).astype(np.float32).sum(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            chance = self.window**2 / (top - level)
-            plateau = (top > level) & (sharing >= _PLATEAU + chance)
-        return (top >= self.full_scale_dn) | plateau
-
-    def _judged(self, shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> Measured:
-        """Flags of windows that have come to rest."""
-        level = cut.plane.at(fit.centroid)
-        at, half = fit.middle + middle, self.window / 2
-        end = np.array(shape[::-1]) - 0.5
-        leaves = ((at - half < -0.5 - 1e-9) | (at + half > end + 1e-9)).any(axis=1)
-        reach = self.ring // 2 + RING
-        clipped = ((middle < reach) | (middle + reach > end)).any(axis=1)
-        holes = np.zeros(len(middle), dtype=bool)
-        if cut.missing is not None:
-            unread = look(cut.missing.astype(np.float64), np.nan_to_num(fit.middle), self.window)
-            holes = (unread.total > 1e-9) & ~leaves
-        with np.errstate(invalid="ignore"):
-            faint = ~(fit.flux > 0) | (fit.flux < _FAINTEST * fit.sigma_flux)
-
-        flags = np.zeros(len(middle), dtype=np.int64)
-        for flag, where in (
-            (SpotFlag.NOT_CONVERGED, ~fit.converged & ~holes),
-            (SpotFlag.EDGE, leaves | clipped),
-            (SpotFlag.SATURATED, self.saturated(cut, level)),
-            (SpotFlag.TOO_FAINT, faint & ~holes),
-            (SpotFlag.SLOW, fit.slow),
-            (SpotFlag.RING, _leaks(cut, level) & ~faint & ~leaves & ~clipped),
-            (SpotFlag.MISFIT, fit.misfit & ~faint & ~leaves),
-            (SpotFlag.MISSING, holes),
-        ):
-            flags[where] |= flag
-        nowhere = (leaves | holes | faint)[:, None]
-        xy = np.where(nowhere, np.nan, fit.centroid + middle)
-        sigma = np.where(np.isnan(xy), np.nan, fit.sigma)
-        return Measured(xy, sigma, fit.flux, level, fit.n_iter.copy(), flags)
-
-
-def _leaks(cut: Cut, level: Floats) -> Bools:
-    """The ring grows brighter towards the spot: surely, and by more than a hundredth of the spot's
-    peak.
-    """
-    excess, peak = cut.plane.excess, peak_reading(cut.raw, cut.missing)
-    with np.errstate(invalid="ignore"):
-        leaks: Bools = (excess > _SURE * cut.plane.excess_error) & (excess > _LEAK * (peak - level))
-    return leaks
+        peak = peak_reading(raw, missing)
+        last_digit = float(np.finfo(raw.dtype).eps) * np.abs(peak)
+        noise = pixel_noise(plane, self.detector, self.rounding, last_digit)
+        sides = self.window, self.ring
+        return Cut(raw, signal, missing, peak, plane, noise, *sides, self.full_scale_dn)

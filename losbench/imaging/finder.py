@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from losbench.arrays import Bools, Floats, Indices
 from losbench.checks import integer, number, shaped, unmasked
 
-__all__ = ["find_spots"]
+__all__ = ["Find", "find_spots"]
 
 
 _SAMPLES = 2048  # enough for a median to 3 % of the noise
@@ -22,6 +23,42 @@ _DIP = 0.8
 # the four neighbours of a real spot's only bright pixel hold at least this part of its light
 _CROSS = 0.3
 _STEPS = np.linspace(0.0, 1.0, 17)[:, None, None]
+
+
+@dataclass(frozen=True)
+class Find:
+    """How `measure` finds the spots of a first frame; `find_spots` is the call and explains the
+    parameters.
+
+    Parameters
+    ----------
+    n : int, optional
+    threshold : float
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> from losbench import render_spots
+    >>> noise = np.random.default_rng(0).normal(20.0, 2.0, (60, 80))
+    >>> Find(1).find(noise + render_spots([[20.0, 30.0]], 4e3, 2.0, (60, 80))).round().tolist()
+    [[20.0, 30.0]]
+    """
+
+    n: int | None = None
+    threshold: float = 8.0
+
+    def __post_init__(self) -> None:
+        if self.n is not None:
+            integer("n", self.n, low=1)
+        number("threshold", self.threshold, low=0)
+
+    def find(self, image: ArrayLike) -> Floats:
+        """Find the spots of one image (rows, columns)."""
+        return find_spots(image, self.n, self.threshold)
 
 
 def find_spots(image: ArrayLike, n: int | None = None, threshold: float = 8.0) -> Floats:

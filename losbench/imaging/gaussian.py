@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
 from losbench.checks import integer
-from losbench.imaging.common import check_fields
+from losbench.imaging.common import as_width, check_fields
 from losbench.imaging.protocols import Estimate, Windows
-from losbench.imaging.template import as_width, misfits, plane_basis, template_columns
+from losbench.imaging.template import misfits, plane_basis, template_columns
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult

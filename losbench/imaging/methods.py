@@ -1,4 +1,4 @@
-"""The centroids by name: the one place where a name becomes an object."""
+"""Centroids and backgrounds by name: the one place where a name becomes an object."""
 
 from __future__ import annotations
 
@@ -8,22 +8,26 @@ from typing import TypedDict
 
 from numpy.typing import ArrayLike
 
-from losbench.checks import choice
+from losbench.checks import choice, number
+from losbench.imaging.background import Background, Level, Ring
 from losbench.imaging.eiwa import EIWA
 from losbench.imaging.gaussian import Gaussian
 from losbench.imaging.grey import Grey
 from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.weighted import Weighted
 
-__all__ = ["MethodFields", "as_method"]
+__all__ = ["MethodFields", "as_background", "as_method"]
 
 
-_NAMED: dict[str, Callable[..., CentroidMethod]] = {
+_METHODS: dict[str, Callable[..., CentroidMethod]] = {
     "eiwa": EIWA,
     "grey": Grey,
     "weighted": Weighted,
     "gaussian": Gaussian,
 }
+
+
+_BACKGROUNDS: dict[str, Background] = {"ring": Ring(), "none": Level(0.0)}
 
 
 class MethodFields(TypedDict, total=False):
@@ -62,10 +66,37 @@ def as_method(method: CentroidMethod | str, given: MethodFields) -> CentroidMeth
                 f"method={method!r}; give it to {type(method).__name__}(...)"
             )
         return method
-    kind = _NAMED[choice("method", method, _NAMED)]
+    kind = _METHODS[choice("method", method, _METHODS)]
     if "sigma" in chosen:
         if "width" in chosen:
             raise ValueError("width and sigma are two words for one thing: give width")
         chosen["width"] = chosen.pop("sigma")
     known = inspect.signature(kind).parameters
     return kind(**{name: value for name, value in chosen.items() if name in known})
+
+
+def as_background(
+    background: Background | str | float | None, ring: int | None = None
+) -> Background:
+    """Return the object that a name, a number or None stands for; ``ring`` is the side for "ring".
+
+    Raises
+    ------
+    ValueError
+        If there is none, or a side is given beside another background.
+    """
+    found: Background
+    if isinstance(background, Background):
+        found = background
+    elif background is None or isinstance(background, str):
+        found = _BACKGROUNDS[choice("background", background or "none", _BACKGROUNDS)]
+    else:
+        found = Level(number("background", background))
+    if ring is None:
+        return found
+    if background != "ring":
+        raise ValueError(
+            f"ring and background exclude each other: got ring={ring!r} beside "
+            f"background={background!r}; give background=Ring({ring!r})"
+        )
+    return Ring(ring)

@@ -40,16 +40,16 @@ class PixelNoise:
 
 
 def pixel_noise(
-    raw: Pixels, missing: Bools | None, plane: Plane, detector: Detector | None, rounding: float
+    plane: Plane, detector: Detector | None, rounding: float, last_digit: Floats
 ) -> PixelNoise:
     """Variance of the pixels on that background, from the detector or else from the ring.
 
     ``rounding`` is the variance of a reading's rounding, DN squared, 0 for readings of a float
-    type.
+    type, whose ``last_digit`` (M,) is then known.
     """
     if detector is None:
         # Frames without any noise are known to their last digit, not to nothing.
-        digit = 0.0 if rounding else np.finfo(raw.dtype).eps * np.abs(peak_reading(raw, missing))
+        digit = 0.0 if rounding else last_digit
         floor, per_dn = np.maximum(plane.scatter**2, rounding + digit**2), 0.0
     else:
         floor, per_dn = detector.variance_dn(plane.level), 1.0 / detector.gain_e_per_dn

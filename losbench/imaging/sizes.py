@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Floats, Indices, Pixels
-from losbench.imaging.stamps import as_stack, as_starts, cut_stamps, evenly, in_frame
+from losbench.imaging.places import as_stack, as_starts, evenly, in_frame
+from losbench.imaging.stamps import cut_stamps
 
-__all__ = ["default_window", "spot_sigma"]
+__all__ = ["default_window", "spot_sigma", "window_in_first"]
 
 
 _SIGMA_REACH = 20  # pixels around a spot that its width is read from
@@ -34,6 +37,24 @@ def default_window(frames: ArrayLike, start: ArrayLike) -> int:
     return min(int(wanted) | 1, (int(fits) - 1) | 1)
 
 
+def window_in_first(frame: NDArray[Any], start: Floats) -> int:
+    """Window for the spots of a recording, from its first frame (H, W).
+
+    Raises
+    ------
+    ValueError
+        If nothing stands at a start.
+    """
+    found = default_window(frame, start)
+    if found < 3:
+        raise ValueError(
+            f"no spot stands at {start.round(1).tolist()} in the first frame: nothing there to "
+            "size a window by"
+        )
+    least = min(frame.shape)
+    return min(found, least - (least + 1) % 2)
+
+
 def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
     """Width of the spots, in pixels: the median over up to 64 of the Gaussian sigma of their bright
     part's wider axis.
@@ -50,9 +71,9 @@ def spot_sigma(frames: ArrayLike, start: ArrayLike) -> float:
     places = as_starts("start", start, len(stack))
     chosen = evenly(len(stack), _SIGMA_FRAMES)
     frame, spot, middle = in_frame(stack, places[chosen])
-    stamps = cut_stamps(stack, chosen[frame], middle, _SIGMA_REACH)
     seen = np.unique(spot)
     few = seen[evenly(len(seen), _SIGMA_SPOTS)]
+    stamps = cut_stamps(stack, chosen[frame], middle, _SIGMA_REACH)
     widths = [_bright_sigma(stamps[spot == k].astype(np.float64)) for k in few]
     return float(np.nanmedian(widths)) if np.isfinite(widths).any() else np.nan
 

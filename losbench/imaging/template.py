@@ -16,20 +16,15 @@ Positions are counted from the middle of each stamp, x first.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from losbench.arrays import Bools, Floats, Pixels
-from losbench.checks import finite
 from losbench.imaging.noise import PixelNoise
 
 __all__ = [
     "FittedWidths",
-    "Width",
-    "as_width",
     "fitted_widths",
     "misfits",
     "plane_basis",
@@ -38,8 +33,6 @@ __all__ = [
     "weighted_fit",
 ]
 
-
-Width: TypeAlias = float | tuple[float, float] | tuple[tuple[float, float], ...]
 
 _LONGEST_STEP = 1.0  # pixels
 _NARROWEST = 0.3  # pixels of sigma
@@ -54,28 +47,6 @@ class FittedWidths:
 
     width: Floats
     significance: Floats
-
-
-def as_width(width: ArrayLike | None) -> Width | None:
-    """Return the sigma of a template as a number, a pair, or a pair for each spot; None stays.
-
-    Raises
-    ------
-    ValueError
-        If it is none of these, or below 0.1 pixels.
-    """
-    if width is None:
-        return None
-    given = finite("width (sigma of a spot)", width)
-    fits = given.shape in ((), (2,)) or (given.ndim == 2 and given.shape[1] == 2)
-    if not fits or not (given >= 0.1).all():
-        raise ValueError(
-            "width (sigma of a spot) must be a number, two, or two for each spot, of at least 0.1 "
-            f"pixels, got {width!r}"
-        )
-    if given.ndim == 2:
-        return tuple((x, y) for x, y in given.tolist())
-    return float(given) if given.ndim == 0 else (float(given[0]), float(given[1]))
 
 
 def fitted_widths(

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.checks import integer, number
-from losbench.imaging.common import check_fields
+from losbench.imaging.common import as_width, check_fields
 from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.template import (
-    as_width,
     misfits,
     template_columns,
     template_step,

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Floats, Indices
 from losbench.imaging.engine import Engine
+from losbench.imaging.flags import saturated
 from losbench.imaging.grey import grey
-from losbench.imaging.stamps import evenly
+from losbench.imaging.places import evenly
 from losbench.imaging.template import fitted_widths
 
 __all__ = ["spot_widths"]
@@ -74,7 +75,7 @@ def _fitted(
     if not some.size:
         return np.tile(guess, (n_spots, 1))
     cut = engine.cut(stack, frame[some], middle[some])
-    usable = np.isfinite(cut.signal).all(axis=(1, 2)) & ~engine.saturated(cut, cut.plane.level)
+    usable = np.isfinite(cut.signal).all(axis=(1, 2)) & ~saturated(cut, cut.plane.level)
     if cut.missing is not None:
         usable &= ~cut.missing.any(axis=(1, 2))
     if not usable.any():

@@ -12,7 +12,7 @@ from losbench.__about__ import __version__
 from losbench.arrays import Bools, Floats
 from losbench.outputs import Claim, into
 from losbench.pointing.thermal import SensitivityFit, fit_sensitivity
-from losbench.recording.measure import Measurement
+from losbench.recording.measurement import Measurement
 from losbench.recording.readers import Recording
 from losbench.units import rad_to_arcsec
 
@@ -36,7 +36,11 @@ _SHORTEST_LAG = 0.2  # steps from frame to frame; a lag that may be shorter is n
 
 
 def write_report(
-    measurement: Measurement, folder: Path | Claim, *, recording: Recording
+    measurement: Measurement,
+    folder: Path | Claim,
+    *,
+    recording: Recording,
+    other: Measurement | None = None,
 ) -> list[str]:
     """Write ``measurement.csv``, ``shifts.png``, with a camera ``angles.png``, and ``report.json``.
 
@@ -50,6 +54,8 @@ def write_report(
         Made if it is not there; what an earlier run left in it is replaced in one swap.
     recording : Recording
         What was measured.
+    other : Measurement, optional
+        The same spots by another centroid, for `Measurement.belief`.
 
     Returns
     -------
@@ -62,6 +68,8 @@ def write_report(
         f"{recording.source.resolve().name}",
         *measurement.notes,
     ]
+    belief = measurement.belief(other)
+    lines += belief.sentences()
     sensitivity = _sensitivity(measurement)
     if sensitivity is not None:
         lines += _sentences(sensitivity, table)
@@ -71,6 +79,7 @@ def write_report(
         "source": recording.source.resolve().name,
         "reference_px": measurement.reference_px.round(4).tolist(),
         "notes": list(measurement.notes),
+        "belief": belief.to_dict(),
         "sensitivity_to": None if sensitivity is None else _temperature_columns(table)[0],
         "sensitivity": None if sensitivity is None else _numbers(sensitivity, table),
     }

@@ -35,8 +35,6 @@ def temperatures(
     said = [
         f"{without} of {recording.n_frames} frames lie outside the temperature log or in a gap of "
         "it."
-        + " Are both in one time zone?"
-        * (recording.times.assumed_utc or log.times.assumed_utc)
     ]
     return dict(zip(log.names, celsius.T, strict=True)), [*notes, *said[: without > 0]]
 
@@ -56,6 +54,7 @@ def measurement_table(
     import pandas as pd
 
     columns: dict[str, Any] = {"frame": np.arange(recording.n_frames)}
+    source = [recording.label(k) for k in range(recording.n_frames)]
     if recording.times is not None:
         columns["time_s"] = recording.times.seconds
         if recording.times.start is not None:
@@ -75,7 +74,7 @@ def measurement_table(
             columns[f"{axis}_arcsec"] = rad_to_arcsec(attitude.angles[:, i])
             columns[f"sigma_{axis}_arcsec"] = spread[:, i]
         columns["p_value"] = attitude.p_value
-    columns["source"] = [recording.label(k) for k in range(recording.n_frames)]
+    columns["source"] = source
     return pd.DataFrame(columns)
 
 

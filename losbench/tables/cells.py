@@ -102,8 +102,8 @@ def _why(cell: str) -> str:
     text = cell.strip()
     if _THOUSANDS.fullmatch(text) or ("," in text and "." in text and _NUMBER.fullmatch(text)):
         return (
-            f"has {text!r}, whose comma may be a decimal one or part thousands: say decimal=',' "
-            "(--decimal ,) or write it without marks for thousands"
+            f"has {text!r}, whose comma may be a decimal one or part thousands: write it without "
+            "marks for thousands"
         )
     shown = text if len(text) <= 40 else text[:40] + "..."
     return f"must hold numbers, got {shown!r}"

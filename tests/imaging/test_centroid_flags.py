@@ -7,9 +7,9 @@ import pytest
 
 import losbench as lb
 from losbench.imaging.centroid import default_window, window_path
+from losbench.imaging.places import peak_pixels
 from losbench.imaging.results import SpotFlag
 from losbench.imaging.sizes import spot_sigma
-from losbench.imaging.stamps import peak_pixels
 
 CAMERA = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
 

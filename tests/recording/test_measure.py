@@ -45,9 +45,17 @@ class Loading:
         return f"frame {k}"
 
 
-def in_memory(frames, times=None):
+def twin(folder):
+    return lb.read_recording(
+        folder / "frames",
+        times=folder / "times.csv",
+        detector=lb.Detector.from_toml(folder / "camera.toml"),
+    )
+
+
+def in_memory(frames, times=None, detector=None):
     stamp = Stamp("frame", lb.open_frames(frames))
-    return Recording(Path("memory"), len(frames), (stamp,), times=times)
+    return Recording(Path("memory"), len(frames), (stamp,), times=times, detector=detector)
 
 
 def frames_of(spots, n=12, flux=2e5, seed=5):
@@ -59,11 +67,10 @@ def frames_of(spots, n=12, flux=2e5, seed=5):
 
 
 def test_the_twin_is_measured_within_its_predicted_errors(simulated):
-    recording = lb.read_recording(simulated / "frames", times=simulated / "times.csv")
+    recording = twin(simulated)
     measured = lb.measure(
         recording,
         lb.Camera.from_toml(simulated / "camera.toml"),
-        detector=lb.Detector.from_toml(simulated / "camera.toml"),
         reference=REFERENCE,
     )
     truth = pd.read_csv(simulated / "truth.csv")
@@ -110,7 +117,9 @@ def test_without_camera_there_are_shifts_and_a_note():
 def test_a_spot_that_goes_out_is_nan_and_flagged_and_comes_back():
     frames = frames_of(SPOTS)
     frames[4:7, 20:41, 30:51] = frames_of(SPOTS[1:])[4:7, 20:41, 30:51]
-    measured = lb.measure(in_memory(frames), CAMERA, spots=SPOTS, detector=DETECTOR, block=5)
+    measured = lb.measure(
+        in_memory(frames, detector=DETECTOR), CAMERA, spots=SPOTS, run=lb.Run(block=5)
+    )
     lost = np.isnan(measured.xy_px[:, 0, 0])
     assert np.flatnonzero(lost).tolist() == [4, 5, 6]
     assert (measured.flags[4:7, 0] & SpotFlag.TOO_FAINT).all()
@@ -121,7 +130,7 @@ def test_a_spot_that_goes_out_is_nan_and_flagged_and_comes_back():
 def test_with_two_spots_a_lost_one_costs_the_angles_of_its_frames():
     frames = frames_of(SPOTS[:2])
     frames[5] = frames_of(SPOTS[1:2])[5]
-    measured = lb.measure(in_memory(frames), CAMERA, spots=SPOTS[:2], detector=DETECTOR)
+    measured = lb.measure(in_memory(frames, detector=DETECTOR), CAMERA, spots=SPOTS[:2])
     assert np.flatnonzero(np.isnan(measured.attitude.angles).any(axis=1)).tolist() == [5]
     assert any("Two spots cannot tell which of them is bad" in note for note in measured.notes)
 
@@ -135,7 +144,7 @@ def moving(speed_px, n=60, seed=6):
 @pytest.mark.parametrize("speed_px", [0.0, 0.4, 1.5])
 def test_moving_spots_are_followed_whatever_the_block(speed_px):
     frames, truth = moving(speed_px)
-    measured = lb.measure(in_memory(frames), detector=DETECTOR, n_spots=2)
+    measured = lb.measure(in_memory(frames, detector=DETECTOR), spots=2)
     order = np.argsort(measured.reference_px[:, 1])
     np.testing.assert_allclose(measured.xy_px[:, order], truth, atol=0.06)
 
@@ -143,7 +152,7 @@ def test_moving_spots_are_followed_whatever_the_block(speed_px):
 def test_a_spot_that_is_gone_for_good_does_not_drag_the_other_along():
     frames, truth = moving(0.4, n=100)
     frames[34:, 60:] = DETECTOR.expose(np.full(frames[34:, 60:].shape, 40.0), 9)
-    measured = lb.measure(in_memory(frames), detector=DETECTOR, spots=truth[0])
+    measured = lb.measure(in_memory(frames, detector=DETECTOR), spots=truth[0])
     np.testing.assert_allclose(measured.xy_px[:, 0], truth[:, 0], atol=0.06)
     assert np.isnan(measured.xy_px[34:, 1]).all()
 
@@ -154,7 +163,7 @@ def test_eight_bit_frames_give_angles_with_errors_that_hold():
     )
     sensor = lb.Detector(gain_e_per_dn=6.0, read_noise_e=1.0, offset_dn=5.0, bits=8)
     frames = sensor.expose(electrons, 4).astype(np.uint8)
-    measured = lb.measure(in_memory(frames), CAMERA, detector=sensor)
+    measured = lb.measure(in_memory(frames, detector=sensor), CAMERA)
     pull = (measured.xy_px - measured.xy_px.mean(axis=0)) / measured.sigma_xy_px
     assert 0.7 < np.mean(pull**2) < 1.4
     bare = lb.measure(in_memory(frames), CAMERA)
@@ -173,7 +182,7 @@ def test_frames_of_another_shape_than_the_camera_are_refused():
 def test_a_saturated_spot_is_flagged():
     electrons = lb.render_spots(SPOTS[None, :2], [2e5, 3e6], 2.0, CAMERA.shape) + 40.0
     clipped = replace(DETECTOR, bits=12).expose(electrons, 1)
-    measured = lb.measure(in_memory(clipped), detector=replace(DETECTOR, bits=12), spots=SPOTS[:2])
+    measured = lb.measure(in_memory(clipped, detector=replace(DETECTOR, bits=12)), spots=SPOTS[:2])
     assert (measured.flags & SpotFlag.SATURATED).astype(bool).tolist() == [[False, True]]
     assert "1 of 2 centroids carry the flag SATURATED." in measured.notes
 
@@ -185,8 +194,8 @@ def test_full_scale_is_the_detector_s_whatever_numbers_hold_the_frames(tmp_path,
     clipped = sensor.expose(np.repeat(electrons, 4, axis=0), 1)
     assert 0 < (clipped == 4095).sum(axis=(1, 2)).max() < 12
     np.save(tmp_path / "frames.npy", clipped.astype(dtype))
-    read = lb.measure(lb.read_recording(tmp_path / "frames.npy"), detector=sensor, spots=SPOTS[:2])
-    as_read_out = lb.measure(in_memory(clipped), detector=sensor, spots=SPOTS[:2])
+    read = lb.measure(lb.read_recording(tmp_path / "frames.npy", detector=sensor), spots=SPOTS[:2])
+    as_read_out = lb.measure(in_memory(clipped, detector=sensor), spots=SPOTS[:2])
     assert (as_read_out.flags[:, 1] & SpotFlag.SATURATED).any()
     np.testing.assert_array_equal(
         read.flags & SpotFlag.SATURATED, as_read_out.flags & SpotFlag.SATURATED
@@ -226,7 +235,7 @@ def drifting(n=40, time_s=None):
     log = TemperatureLog(
         FrameTimes(clock), celsius, ("temperature_m1_degC", "temperature_plate_degC")
     )
-    return in_memory(frames, FrameTimes(clock if time_s is None else time_s)), log
+    return in_memory(frames, FrameTimes(clock if time_s is None else time_s), DETECTOR), log
 
 
 def test_a_frame_without_a_time_is_left_out_of_the_sensitivity(tmp_path):
@@ -234,7 +243,7 @@ def test_a_frame_without_a_time_is_left_out_of_the_sensitivity(tmp_path):
     time_s[[0, 4]] = np.nan
     recording, log = drifting(time_s=time_s)
     lines = write_report(
-        lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log),
+        lb.measure(recording, CAMERA, temperature=log),
         tmp_path,
         recording=recording,
     )
@@ -244,7 +253,7 @@ def test_a_frame_without_a_time_is_left_out_of_the_sensitivity(tmp_path):
 
 def test_a_report_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
     recording, log = drifting(n=12)
-    measured = lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log)
+    measured = lb.measure(recording, CAMERA, temperature=log)
 
     def broken(*_):
         raise ValueError("no picture")
@@ -257,7 +266,7 @@ def test_a_report_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
 
 def test_the_report_names_its_sensor_and_no_lag_where_none_shows(tmp_path):
     recording, log = drifting()
-    measured = lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log)
+    measured = lb.measure(recording, CAMERA, temperature=log)
     lines = write_report(measured, tmp_path, recording=recording)
     said = [line for line in lines if line.startswith("Sensitivity about")]
     assert len(said) == 3
@@ -281,7 +290,7 @@ def test_unreadable_frames_leave_a_gap(tmp_path):
     with pytest.raises(UnreadableFrame, match=r"00.tif cannot be read"):
         lb.read_recording(tmp_path)
     measured = lb.measure(
-        lb.read_recording(tmp_path, on_unreadable="skip"), CAMERA, detector=DETECTOR
+        lb.read_recording(tmp_path, on_unreadable="skip", detector=DETECTOR), CAMERA
     )
     assert np.flatnonzero(np.isnan(measured.xy_px).any(axis=(1, 2))).tolist() == [0, 5]
     assert (measured.flags[5] == SpotFlag.MISSING).all()
@@ -295,9 +304,8 @@ def test_unreadable_frames_leave_a_gap(tmp_path):
     assert len(said) == 1 and "frame 5 (05.tif cannot be read" in said[0]
     with pytest.raises(ValueError, match=r"spot \[1, 2, 3, 4\] is in none of 1"):
         lb.measure(
-            lb.read_recording(tmp_path, on_unreadable="skip"),
+            lb.read_recording(tmp_path, on_unreadable="skip", detector=DETECTOR),
             CAMERA,
-            detector=DETECTOR,
             reference=1,
         )
 
@@ -312,7 +320,8 @@ def test_of_many_unreadable_frames_the_first_few_are_named():
 
     stamp = Stamp("frame", replace(lb.open_frames(frames), source=Loading(len(frames), load)))
     measured = lb.measure(
-        Recording("memory", len(frames), (stamp,), skip_unreadable=True), detector=DETECTOR, block=4
+        Recording("memory", len(frames), (stamp,), detector=DETECTOR, skip_unreadable=True),
+        run=lb.Run(block=4),
     )
     named = ", ".join(f"frame {k} (page {k} is torn)" for k in (6, 7, 8))
     assert f"6 of 12 frames are left out as unreadable: {named}, and 3 more." in measured.notes
@@ -327,14 +336,16 @@ def test_spots_that_never_show_together_give_no_reference():
         ValueError,
         match="reference must be a frame that shows every spot; all 2 at once are in none of 12",
     ):
-        lb.measure(in_memory(frames), spots=SPOTS[:2], detector=DETECTOR)
+        lb.measure(in_memory(frames, detector=DETECTOR), spots=SPOTS[:2])
 
 
 def test_smoothing_lowers_the_scatter_of_a_slow_drift():
     drift = np.linspace(0.0, 1.0, 120)[:, None, None] * [1.0, 0.5]
     frames = DETECTOR.expose(lb.render_spots(SPOTS[:2] + drift, 2e4, 2.0, CAMERA.shape) + 40.0, 8)
-    raw = lb.measure(in_memory(frames), spots=SPOTS[:2], detector=DETECTOR)
-    smooth = lb.measure(in_memory(frames), spots=SPOTS[:2], detector=DETECTOR, smooth="kalman")
+    raw = lb.measure(in_memory(frames, detector=DETECTOR), spots=SPOTS[:2])
+    smooth = lb.measure(
+        in_memory(frames, detector=DETECTOR), spots=SPOTS[:2], centroid=lb.EIWA(smooth="kalman")
+    )
     truth = SPOTS[:2] + drift
     assert (smooth.xy_px - truth).std() < 0.5 * (raw.xy_px - truth).std()
     assert np.mean(((smooth.xy_px - truth) / smooth.sigma_xy_px) ** 2) < 2.0
@@ -350,17 +361,21 @@ def test_smoothing_lowers_the_scatter_of_a_slow_drift():
         ({"spots": [1.0, 2.0, 3.0]}, r"spots must have shape \(n, 2\), got \(3,\)"),
         ({"reference": 0}, r"reference must be a whole number from 1 to 12, got 0"),
         ({"reference": 13}, r"reference must be a whole number from 1 to 12, got 13"),
-        ({"smooth": "mean"}, r"smooth must be one of 'none', 'kalman', got 'mean'"),
-        ({"solver": "best"}, r"solver must be one of 'auto', 'irls', 'ls', got 'best'"),
         (
-            {"method": "peak"},
+            {"solver": "best"},
+            r"solver must be one of 'auto', 'irls', 'ls', 'lts', 'mm', got 'best'",
+        ),
+        (
+            {"centroid": "peak"},
             r"method must be one of 'eiwa', 'grey', 'weighted', 'gaussian', got 'peak'",
         ),
         (
-            {"window": 201},
+            {"centroid": lb.EIWA(201)},
             r"window of 201 x 201 pixels does not fit into frames of 100 x 150 pixels",
         ),
-        ({"n_spots": 9}, r"9"),
+        ({"spots": 9}, r"9"),
+        ({"spots": 0}, "n must be a whole number of at least 1, got 0"),
+        ({"spots": 2.5}, "n must be a whole number, got 2.5"),
     ],
 )
 def test_a_bad_argument_is_named(options, message):
@@ -375,12 +390,11 @@ def test_a_dark_recording_is_refused():
 
 
 def test_the_report_is_written_whole_with_its_sensitivity(simulated, tmp_path):
-    recording = lb.read_recording(simulated / "frames", times=simulated / "times.csv")
+    recording = twin(simulated)
     log = read_temperature_log(simulated / "temperature.csv")
     measured = lb.measure(
         recording,
         lb.Camera.from_toml(simulated / "camera.toml"),
-        detector=lb.Detector.from_toml(simulated / "camera.toml"),
         temperature=log,
         reference=REFERENCE,
     )
@@ -427,7 +441,10 @@ def test_a_template_keeps_its_width_from_block_to_block():
     wider = lb.render_spots(SPOTS, 2e5, 2.6, CAMERA.shape) + 40.0
     frames[12:] = DETECTOR.expose(np.broadcast_to(wider, (12, *CAMERA.shape)), 6)
     in_blocks = lb.measure(
-        in_memory(frames), spots=SPOTS, block=4, method="weighted", window=13, detector=DETECTOR
+        in_memory(frames, detector=DETECTOR),
+        spots=SPOTS,
+        centroid=lb.Weighted(window=13),
+        run=lb.Run(block=4),
     )
     options = {"method": "weighted", "window": 13, "noise": DETECTOR, "centre": "peak"}
     width = lb.centroid(frames[:4], SPOTS, **options).width_px

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import losbench as lb
 from losbench.arrays import Floats
 from losbench.figures import COLOURS
-from losbench.imaging.stamps import peak_pixels
+from losbench.imaging.places import peak_pixels
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import (
     Choice,
