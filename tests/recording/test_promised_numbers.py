@@ -50,7 +50,7 @@ def test_a_stamp_of_a_pixel_file_stands_in_a_margin_of_six_pixels_at_its_place(t
     assert frame.shape == (5 + 12, 7 + 12)
     np.testing.assert_allclose(frame[6:-6, 6:-6], flux[2], rtol=1e-6)
     assert frame.sum() == pytest.approx(flux[2].sum(), rel=1e-6)
-    found = lb.measure(recording, n_spots=1)
+    found = lb.measure(recording, spots=1)
     # The stamp cuts off the foot of the star.
     np.testing.assert_allclose(found.xy_px[0, 0], [603.2, 402.1], atol=0.03)
 
@@ -72,7 +72,7 @@ def drifting(n, span_degC):
     spots = SPOTS + 0.4 * (celsius - 18.0)[:, None, None]
     light = lb.render_spots(spots, 2e5, 2.0, CAMERA.shape) + 40.0
     stamp = Stamp("frame", lb.open_frames(DETECTOR.expose(light, noise)))
-    recording = Recording(Path("memory"), n, (stamp,), times=FrameTimes(clock))
+    recording = Recording(Path("memory"), n, (stamp,), times=FrameTimes(clock), detector=DETECTOR)
     log = TemperatureLog(FrameTimes(clock), celsius[:, None], ("temperature_degC",))
     return recording, log
 
@@ -83,7 +83,7 @@ def drifting(n, span_degC):
 )
 def test_a_sensitivity_takes_ten_frames_and_half_a_degree(tmp_path, n, span_degC, told):
     recording, log = drifting(n, span_degC)
-    measured = lb.measure(recording, CAMERA, detector=DETECTOR, temperature=log)
+    measured = lb.measure(recording, CAMERA, temperature=log)
     lines = lb.write_report(measured, tmp_path, recording=recording)
     assert sum(line.startswith("Sensitivity about") for line in lines) == (3 if told else 0)
     assert (tmp_path / "angles-over-temperature.png").is_file() == told
@@ -91,7 +91,7 @@ def test_a_sensitivity_takes_ten_frames_and_half_a_degree(tmp_path, n, span_degC
 
 def test_the_error_of_a_mean_reference_is_that_of_a_mean():
     recording, _ = drifting(16, 0.0)
-    found = lb.measure(recording, CAMERA, detector=DETECTOR, reference=16)
+    found = lb.measure(recording, CAMERA, reference=16)
     own = np.sqrt(found.sigma_shifts_px**2 - found.sigma_xy_px**2)
     expected = np.sqrt(np.sum(found.sigma_xy_px**2, axis=0)) / 16
     np.testing.assert_allclose(own, np.broadcast_to(expected, own.shape), rtol=1e-6)
