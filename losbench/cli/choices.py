@@ -32,6 +32,19 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
         metavar="SIGMA",
         help="how far a spot must stand out, in standard deviations of the noise (%(default)s)",
     )
+    spots.add_argument(
+        "--smooth",
+        type=_smooth,
+        metavar="PX|kalman",
+        help="smooth the frame by a Gaussian of that sigma before spots are looked for; or smooth "
+        "the positions over the frames before taking shifts",
+    )
+    spots.add_argument(
+        "--order",
+        default="x",
+        choices=["x", "light", "peak"],
+        help="how spots are numbered: from left to right, by light or by peak (%(default)s)",
+    )
     centroid = parser.add_argument_group("centroid")
     centroid.add_argument(
         "--method",
@@ -68,9 +81,6 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
     centroid.add_argument(
         "--ring", type=int, metavar="PX", help="side of the square in the ring; default the window"
     )
-    centroid.add_argument(
-        "--smooth", choices=["kalman"], help="smooth the positions before taking shifts"
-    )
     angles = parser.add_argument_group("shifts and angles")
     angles.add_argument(
         "--reference",
@@ -89,6 +99,10 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _smooth(text: str) -> float | str:
+    return text if text == "kalman" else float(text)
+
+
 def centroid_of(options: argparse.Namespace) -> CentroidMethod:
     """Return the centroid that the arguments describe."""
     from losbench.imaging.methods import MethodFields, as_method
@@ -101,7 +115,7 @@ def centroid_of(options: argparse.Namespace) -> CentroidMethod:
         "max_iter": options.max_iter,
         "centre": options.centre,
         "hot_pixel_gate": options.hot_pixel_gate,
-        "smooth": options.smooth,
+        "smooth": "kalman" if options.smooth == "kalman" else None,
     }
     return as_method(options.method, given)
 
@@ -125,7 +139,8 @@ def spots_of(options: argparse.Namespace) -> list[list[float]] | Find:
 
     text = options.spots
     if text is None:
-        return Find(options.n_spots, options.threshold)
+        smooth = options.smooth if isinstance(options.smooth, float) else 0.0
+        return Find(options.n_spots, options.threshold, smooth, options.order)
     try:
         return [[float(x), float(y)] for x, y in (pair.split(",") for pair in text.split())]
     except ValueError:

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from losbench.arrays import Bools, Floats, Indices
-from losbench.checks import integer, number, shaped, unmasked
+from losbench.arrays import Floats, Indices
+from losbench.checks import choice, integer, number, shaped, unmasked
+from losbench.imaging.basins import group, without_crumbs
+from losbench.imaging.levels import sky_of
+from losbench.imaging.sky import Sky
 
 __all__ = ["Find", "find_spots"]
 
 
-_SAMPLES = 2048  # enough for a median to 3 % of the noise
 _BAND = 8  # rows that are rejected together
-_STAMP = 1024  # pixels; what is smaller is a stamp
-# two peaks are two spots if the saddle between them falls below this part of the fainter one
-_DIP = 0.8
+_STRIP = 200_000  # pixels that are compared at a time
+_CROWDED = 0.6  # share of bright pixels from which on a frame shows no spots
+_STAMP = 1024  # pixels; a spot may fill what is smaller
 # the four neighbours of a real spot's only bright pixel hold at least this part of its light
 _CROSS = 0.3
-_STEPS = np.linspace(0.0, 1.0, 17)[:, None, None]
+_REACH = 2  # pixels around a bright one that a path between peaks may lead over
+_ORDERS = ("light", "peak", "x")
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,9 @@ class Find:
     ----------
     n : int, optional
     threshold : float
+    smooth : float, pixels
+    order : "light", "peak" or "x"
+    most : int
 
     Raises
     ------
@@ -50,18 +55,62 @@ class Find:
 
     n: int | None = None
     threshold: float = 8.0
+    smooth: float = 0.0
+    order: str = "light"
+    most: int = 50_000
 
     def __post_init__(self) -> None:
         if self.n is not None:
             integer("n", self.n, low=1)
         number("threshold", self.threshold, low=0)
+        number("smooth", self.smooth, low=0, high=1000)
+        choice("order", self.order, _ORDERS)
+        integer("most", self.most, low=1)
 
     def find(self, image: ArrayLike) -> Floats:
         """Find the spots of one image (rows, columns)."""
-        return find_spots(image, self.n, self.threshold)
+        pixels = _image(image, self.smooth)
+        # First the pass over the frame, so that the sample finds it in the cache.
+        band_maxima = np.maximum.reduceat(
+            pixels.ravel(), np.arange(0, pixels.size, _BAND * pixels.shape[1])
+        )
+        sky = sky_of(pixels, float(band_maxima.max()), self.threshold)
+        if sky.flat:
+            place = _above_level(pixels, band_maxima, sky, self.threshold)
+        else:
+            place = _above_mesh(pixels, sky, self.threshold)
+        if pixels.size > _STAMP and len(place) > _CROWDED * pixels.size:
+            raise ValueError(
+                f"{len(place)} of {pixels.size} pixels stand out at threshold {self.threshold:g}: "
+                "not a frame of spots?"
+            )
+        found = _spots(pixels, place, sky)
+        if len(found) > self.most:
+            raise ValueError(
+                f"{len(found)} candidates at threshold {self.threshold:g}: not a frame of spots? "
+                "Raise threshold, smooth by the width of a spot, or raise most"
+            )
+        if self.n is not None and len(found) < self.n:
+            raise ValueError(
+                f"found {len(found)} of the {self.n} spots asked for at threshold "
+                f"{self.threshold:g}"
+            )
+        x, light, peak = found[:, 0], found[:, 2], found[:, 3]
+        rank = np.argsort(-(peak if self.order == "peak" else light), kind="stable")[: self.n]
+        if self.order == "x":
+            rank = rank[np.argsort(x[rank], kind="stable")]
+        return found[rank, :2]
 
 
-def find_spots(image: ArrayLike, n: int | None = None, threshold: float = 8.0) -> Floats:
+def find_spots(
+    image: ArrayLike,
+    n: int | None = None,
+    threshold: float = 8.0,
+    *,
+    smooth: float = 0.0,
+    order: str = "light",
+    most: int = 50_000,
+) -> Floats:
     """Find the spots that stand out of the background, brightest first.
 
     Parameters
@@ -69,31 +118,41 @@ def find_spots(image: ArrayLike, n: int | None = None, threshold: float = 8.0) -
     image : (rows, columns) array of numbers
         NaN marks a pixel that was not read.
     n : int, optional
-        How many spots to return; all that were found if not given.
+        How many spots to return, the brightest; all that were found if not given.
     threshold : float
         How far a pixel must stand above the background, in standard deviations of its noise, to
         belong to a spot.
+    smooth : float, pixels
+        Sigma of a Gaussian that the image is smoothed by before, as wide as the spots: for faint
+        spots, and for one wide spot that speckle or noise would break into many.
+    order : "light", "peak" or "x"
+        Most light above the background first, highest first, or from left to right: two spots of
+        one brightness are then numbered by their place, not by noise.
+    most : int
+        More finds than these are an error.
 
     Returns
     -------
     (n, 2) array, pixels
         Centre of mass (x, y) of each spot's bright pixels: a start for `centroid`, not a
-        measurement. Brightest means most light above the background. Shape (0, 2) where nothing
-        stands out.
+        measurement. Shape (0, 2) where nothing stands out.
 
     Raises
     ------
     ValueError
-        If the image is not two-dimensional, or holds fewer than ``n`` spots.
+        If the image is not two-dimensional, holds fewer than ``n`` spots, or so many bright pixels
+        or candidates that it is no frame of spots.
 
     Notes
     -----
-    Background and noise are median and 1.4826 MAD of a regular sample of some 2048 pixels; in a
-    stamp of up to 1024 pixels they come from its darker half. Bands of eight rows, then columns,
-    then rows are rejected by their maximum, and only what is left is grouped. Touching spots are
-    told apart where the saddle between their peaks, after a 3 x 3 mean, is below 0.8 of the fainter
-    peak. A lone bright pixel whose four neighbours hold less than 0.3 of its light is a hot pixel,
-    and left out.
+    Level and noise come from the lower ranks of a sample, so that neither spots nor a camera that
+    clips at black disturb them (`losbench.imaging.ranks`): one for the frame where its parts agree,
+    else one in each tile of 65 pixels (39 in small frames), with what lies between them straight.
+    Bright pixels are grouped by the peaks that they lead up to (`losbench.imaging.basins`):
+    touching spots are told apart where the saddle between their peaks, after a 3 x 3 mean, is below
+    0.8 of the fainter peak and 1.5 noises below it. Crumbs of less than 0.5 % of a spot that they
+    touch are left out, as is a lone bright pixel whose four neighbours hold less than 0.3 of its
+    light: a hot pixel.
 
     Examples
     --------
@@ -103,144 +162,134 @@ def find_spots(image: ArrayLike, n: int | None = None, threshold: float = 8.0) -
     >>> find_spots(image, n=2).round().astype(int).tolist()
     [[55, 40], [20, 30]]
     """
+    return Find(n, threshold, smooth, order, most).find(image)
+
+
+def _image(image: ArrayLike, smooth: float) -> NDArray[Any]:
+    """Return the image without NaN, smoothed if asked."""
     pixels = unmasked(image)
     shaped("image", pixels, ("rows", "columns"))
     if pixels.dtype.kind not in "buif":
         raise ValueError(f"image must be an array of numbers, got {pixels.dtype.name}")
     if not pixels.size:
         raise ValueError(f"image must hold at least one pixel, got shape {pixels.shape}")
-    wanted = None if n is None else integer("n", n, low=1)
-    cut = number("threshold", threshold, low=0)
     if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
         present = np.isfinite(pixels)
         pixels = np.where(present, pixels, np.median(pixels[present]) if present.any() else 0.0)
-    # First the pass over the frame, so that the sample finds it in the cache.
-    band_maxima = np.maximum.reduceat(
-        pixels.ravel(), np.arange(0, pixels.size, _BAND * pixels.shape[1])
-    )
-    background, noise = _sampled_background(pixels)
+    if smooth > 0:
+        import cv2
 
-    found = []
-    for rows, columns in _bright_boxes(pixels, band_maxima, background + cut * noise):
-        signal = pixels[rows, columns].astype(np.float64) - background
-        found += [
-            (x + columns.start, y + rows.start, light)
-            for x, y, light in _spots_in(signal, cut * noise)
-        ]
-    if wanted is not None and len(found) < wanted:
-        raise ValueError(f"found {len(found)} of the {wanted} spots asked for at threshold {cut:g}")
-    found.sort(key=lambda spot: -spot[2])
-    return np.array([spot[:2] for spot in found[:wanted]]).reshape(-1, 2)
+        pixels = cv2.GaussianBlur(pixels.astype(np.float32), (0, 0), smooth)
+    return pixels
 
 
-def _sampled_background(pixels: NDArray[Any]) -> tuple[float, float]:
-    """Level and standard deviation of the background."""
-    step = max(1, int(np.sqrt(pixels.size / _SAMPLES)))
-    sample = pixels[::step, ::step].astype(np.float64).ravel()
-    # A spot may fill more than half of a stamp, but hardly the darker half of it.
-    darker = sample if pixels.size > _STAMP else np.sort(sample)[: (sample.size + 1) // 2]
-    level = _median(darker)
-    scatter = _median(np.abs(darker - level))
-    # Rounding to whole numbers hides noise below about 0.7 DN from the MAD.
-    floor = 0.5 if pixels.dtype.kind in "ui" else 0.0
-    if darker is sample:
-        return level, max(1.4826 * scatter, floor)
-    noise = max(2.5057 * scatter, floor)
-    return level + 0.6745 * noise, noise
+def _above_level(
+    pixels: NDArray[Any], band_maxima: NDArray[Any], sky: Sky, threshold: float
+) -> Indices:
+    """Flat places of the pixels above one level, looked for in the bands that reach it."""
+    cut: Any = float(sky.level[0, 0] + threshold * sky.noise[0, 0])
+    if pixels.dtype.kind in "ui":  # a whole number is compared in the frame's own type
+        cut = pixels.dtype.type(np.clip(np.floor(cut), *_ends(pixels.dtype)))
+    width, found = pixels.shape[1], []
+    for band in np.flatnonzero(band_maxima > cut).tolist():
+        rows = pixels[band * _BAND : (band + 1) * _BAND]
+        found.append(np.flatnonzero(rows > cut) + band * _BAND * width)
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.intp)
 
 
-def _median(values: Floats) -> float:
-    middle = values.size // 2
-    return float(np.partition(values, middle)[middle])
+def _ends(dtype: np.dtype[Any]) -> tuple[int, int]:
+    return int(np.iinfo(dtype).min), int(np.iinfo(dtype).max)
 
 
-def _bright_boxes(
-    pixels: NDArray[Any], band_maxima: NDArray[Any], level: float
-) -> Iterator[tuple[slice, slice]]:
-    """Boxes, two pixels wider than what exceeds the level in them."""
-    for band in _runs(np.repeat(band_maxima > level, _BAND)[: len(pixels)]):
-        for columns in _runs(pixels[band].max(axis=0) > level):
-            for rows in _runs(pixels[band, columns].max(axis=1) > level):
-                yield slice(band.start + rows.start, band.start + rows.stop), columns
+def _above_mesh(pixels: NDArray[Any], sky: Sky, threshold: float) -> Indices:
+    """Flat places of the pixels above their own level, a strip at a time."""
+    height, width = pixels.shape
+    found, rows = [], max(1, _STRIP // width)
+    for first in range(0, height, rows):
+        last = min(first + rows, height)
+        cut = sky.cut(threshold, first, last, width)
+        found.append(np.flatnonzero(pixels[first:last] > cut) + first * width)
+    return np.concatenate(found)
 
 
-def _runs(bright: Bools) -> Iterator[slice]:
-    """Runs of True, two wider on both sides; runs that then meet are one."""
-    places = np.flatnonzero(bright)
-    if places.size:
-        gaps = np.flatnonzero(places[1:] - places[:-1] > 4)
-        starts = [places[0], *places[gaps + 1]]
-        ends = [*places[gaps], places[-1]]
-        for start, end in zip(starts, ends, strict=True):
-            yield slice(max(0, int(start) - 2), min(bright.size, int(end) + 3))
+def _spots(pixels: NDArray[Any], bright: Indices, sky: Sky) -> Floats:
+    """(x, y, light, peak) of each spot, from the flat places of the bright pixels."""
+    if not bright.size:
+        return np.zeros((0, 4))
+    # Paths from peak to peak may lead over pixels around the bright ones: noise tears faint spots.
+    place = _around(bright, pixels.shape)
+    row, column = np.divmod(place, pixels.shape[1])
+    level, noise = sky.at(row, column)
+    cross, corners = _beside(pixels, row, column, level)
+    signal = pixels.ravel()[place].astype(np.float64) - level
+    basins = group(place, pixels.shape[1], (signal + cross + corners) / 9.0, noise)
+
+    some = np.searchsorted(place, bright)
+    owner, signal = basins.owner[some], signal[some]
+
+    def total(of: Floats) -> Floats:
+        return np.bincount(owner, weights=of, minlength=basins.count).astype(np.float64)
+
+    number, light = total(np.ones(len(owner))), total(signal)
+    with np.errstate(invalid="ignore"):
+        x, y = (total(signal * along[some]) / light for along in (column, row))
+    peak = np.full(basins.count, -np.inf)
+    np.maximum.at(peak, owner, signal)
+    hot = (number == 1) & (total(cross[some]) < _CROSS * light)
+    kept = (number > 0) & ~hot
+    kept[kept] = without_crumbs(basins, number, light, np.stack([x, y], axis=-1))[kept]
+    return np.column_stack([x, y, light, peak])[kept]
 
 
-def _spots_in(signal: Floats, cut: float) -> Iterator[tuple[float, float, float]]:
-    """(x, y, light) of each spot in a small box of background-free pixels."""
-    bright = signal > cut
-    smooth = _filter3(signal, np.add) / 9.0
-    row, column = np.nonzero(bright)
-    light = signal[row, column]
-    candidate = np.where(bright, smooth, -np.inf)
-    peaks = np.argwhere(bright & (candidate == _filter3(candidate, np.maximum)))
-    centres = _separate_peaks(smooth, peaks)
-    owner = ((row[:, None] - centres[:, 0]) ** 2 + (column[:, None] - centres[:, 1]) ** 2).argmin(
-        axis=1
-    )
-    for spot in range(len(centres)):
-        mine = owner == spot
-        total = float(light[mine].sum())
-        if np.count_nonzero(mine) > 1 or not _is_hot(signal, row[mine], column[mine]):
-            yield (
-                float(light[mine] @ column[mine]) / total,
-                float(light[mine] @ row[mine]) / total,
-                total,
-            )
+def _around(bright: Indices, shape: tuple[int, ...]) -> Indices:
+    """Flat places of all pixels within two of the bright ones."""
+    height, width = shape
+    steps = np.arange(-_REACH, _REACH + 1)
+    column = bright % width
+    across = np.clip(column[:, None] + steps, 0, width - 1) + (bright - column)[:, None]
+    if bright.size * 100 < height * width:
+        near = _each_once(across)
+        down = near[:, None] + width * steps
+        return _each_once(down[(down >= 0) & (down < height * width)])
+    found = np.zeros((height + 2 * _REACH) * width, dtype=bool)
+    found[across + _REACH * width] = True
+    columns = found.reshape(-1, width)
+    near = columns.copy()
+    for step in steps[steps != 0]:
+        near |= np.roll(columns, step, axis=0)
+    return np.flatnonzero(near[_REACH : height + _REACH])
 
 
-def _filter3(image: Floats, combine: np.ufunc) -> Floats:
-    """Sum or maximum over 3 x 3 pixels, of those that exist."""
-    down = image.copy()
-    combine(down[1:], image[:-1], out=down[1:])
-    combine(down[:-1], image[1:], out=down[:-1])
-    across = down.copy()
-    combine(across[:, 1:], down[:, :-1], out=across[:, 1:])
-    combine(across[:, :-1], down[:, 1:], out=across[:, :-1])
-    return across
+def _each_once(places: Indices) -> Indices:
+    ranked = np.sort(places, axis=None)
+    return ranked[np.concatenate([[True], ranked[1:] != ranked[:-1]])]
 
 
-def _separate_peaks(smooth: Floats, peaks: Indices) -> Indices:
-    """Keep the peaks that no path above ``_DIP`` of their height joins to a higher one; highest
-    first.
+def _beside(
+    pixels: NDArray[Any], row: Indices, column: Indices, level: Floats
+) -> tuple[Floats, Floats]:
+    """Light of the four neighbours of each pixel, and of the four at its corners; none beyond the
+    border.
     """
-    if len(peaks) < 2:
-        return peaks
-    height = smooth[peaks[:, 0], peaks[:, 1]]
-    order = np.argsort(-height, kind="stable")
-    peaks, needed = peaks[order], _DIP * height[order]
-    # A straight path from the highest peak settles nearly all of them without a search.
-    line = np.rint(peaks[0] + _STEPS * (peaks - peaks[0])).astype(np.intp)
-    apart = smooth[line[..., 0], line[..., 1]].min(axis=0) < needed
-    kept = [0]
-    for candidate in np.flatnonzero(apart):
-        island = _island(smooth >= needed[candidate], peaks[candidate])
-        if not island[peaks[kept, 0], peaks[kept, 1]].any():
-            kept.append(int(candidate))
-    return peaks[kept]
-
-
-def _island(above: Bools, seed: Indices) -> Bools:
-    from scipy import ndimage
-
-    labels, _ = ndimage.label(above, np.ones((3, 3)))
-    return labels == labels[tuple(seed)]
-
-
-def _is_hot(signal: Floats, row: Indices, column: Indices) -> bool:
-    y, x = int(row[0]), int(column[0])
-    cross = (
-        signal[max(0, y - 1) : y + 2, x].sum()
-        + signal[y, max(0, x - 1) : x + 2].sum()
-        - 2.0 * signal[y, x]
+    (height, width), flat = pixels.shape, pixels.ravel()
+    inner = bool(
+        (row > 0).all()
+        and (row < height - 1).all()
+        and (column > 0).all()
+        and (column < width - 1).all()
     )
-    return bool(cross < _CROSS * signal[y, x])
+    place = row * width + column
+    cross, corners = np.zeros(len(row)), np.zeros(len(row))
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            if not (down or right):
+                continue
+            which = corners if down and right else cross
+            if inner:
+                which += flat[place + (down * width + right)]
+                which -= level
+            else:
+                y, x = row + down, column + right
+                inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+                which += np.where(inside, flat[(y * width + x) * inside] - level, 0.0)
+    return cross, corners

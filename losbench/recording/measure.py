@@ -56,8 +56,8 @@ def measure(
         Turns shifts into angles. Without it the table ends with the shifts, and a note says so.
     spots : (n, 2) array, int or Find, optional
         Detector positions (x, y) in the first frame, a pixel or so near, for recordings of whole
-        frames; or how many to find, or how to find them. By default all that stand out, brightest
-        first. The order then stays.
+        frames; or how many to find, or how to find them. By default all that stand out. They are
+        numbered from left to right, unless `Find` says otherwise, and keep their numbers.
     temperature : TemperatureLog, optional
         Interpolated to the frames' times.
     centroid : EIWA, Weighted, Grey, Gaussian, or the name of one, optional

@@ -17,6 +17,10 @@ from losbench.recording.stamps import Stamp
 __all__ = ["check_shape", "first_places"]
 
 
+# Two spots of one brightness must not be numbered by their noise.
+_FIND = Find(order="x")
+
+
 def check_shape(recording: Recording, camera: Camera | None) -> None:
     """Raise ``ValueError`` unless whole frames have the shape of the camera."""
     whole = recording.stamps[0]
@@ -43,13 +47,13 @@ def first_places(recording: Recording, spots: ArrayLike | Find | None) -> list[F
             raise ValueError(
                 "spots are for whole frames: a folder of pixel files has one spot in each"
             )
-        one = replace(spots or Find(), n=1)
+        one = replace(spots or _FIND, n=1)
         return [_found(recording, stamp, one) for stamp in recording.stamps]
     stamp = recording.stamps[0]
     if spots is None or isinstance(spots, Find):
-        return [_found(recording, stamp, spots or Find())]
+        return [_found(recording, stamp, spots or _FIND)]
     if np.ndim(spots) == 0:
-        return [_found(recording, stamp, Find(spots))]  # type: ignore[arg-type]
+        return [_found(recording, stamp, replace(_FIND, n=spots))]  # type: ignore[arg-type]
     given = finite("spots", spots)
     shaped("spots", given, ("n", 2))
     local = given - np.array(stamp.origin_px)

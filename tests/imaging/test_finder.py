@@ -4,7 +4,7 @@ nothing.
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import losbench as lb
@@ -117,6 +117,7 @@ def test_unread_pixels_are_not_spots():
     assert lb.find_spots(np.full((5, 6), np.nan)).shape == (0, 2)
 
 
+@settings(deadline=None)  # the first call imports
 @given(dx=st.integers(-15, 15), dy=st.integers(-15, 15), lift=st.integers(0, 500))
 def test_found_spots_follow_a_shift_and_ignore_a_level(dx, dy, lift):
     image = frame([[60.0, 50.0], [90.5, 70.2]], [3e4, 2e4], 2.0)

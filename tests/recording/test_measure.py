@@ -68,18 +68,19 @@ def frames_of(spots, n=12, flux=2e5, seed=5):
 
 def test_the_twin_is_measured_within_its_predicted_errors(simulated):
     recording = twin(simulated)
+    truth = pd.read_csv(simulated / "truth.csv")
+    positions = truth[["x1_px", "y1_px", "x2_px", "y2_px"]].to_numpy().reshape(-1, 2, 2)
     measured = lb.measure(
         recording,
         lb.Camera.from_toml(simulated / "camera.toml"),
+        spots=positions[0],
         reference=REFERENCE,
     )
-    truth = pd.read_csv(simulated / "truth.csv")
     angles = truth[["alpha_arcsec", "beta_arcsec", "gamma_arcsec"]].to_numpy()
     error = rad_to_arcsec(measured.attitude.angles) - (angles - angles[:REFERENCE].mean(axis=0))
     cov = rad_to_arcsec(rad_to_arcsec(measured.attitude.cov))
     chi_square = np.einsum("fi,fij,fj->f", error, np.linalg.inv(cov), error)[REFERENCE:]
     assert 0.8 < chi_square.mean() / 3 < 1.2
-    positions = truth[["x1_px", "y1_px", "x2_px", "y2_px"]].to_numpy().reshape(-1, 2, 2)
     pull = (measured.xy_px - positions) / measured.sigma_xy_px
     assert 0.8 < np.mean(pull**2) < 1.2
     assert 0.01 < np.median(measured.attitude.p_value) < 0.99
@@ -100,10 +101,12 @@ def test_the_table_has_times_temperatures_shifts_and_angles(simulated):
     assert table["temperature_degC"].is_monotonic_increasing
 
 
-def test_the_order_of_spots_is_brightness_and_stays():
+def test_the_order_of_spots_is_from_left_to_right_unless_asked_and_stays():
     frames = frames_of(SPOTS[:3], flux=[1e5, 3e5, 2e5])
     measured = lb.measure(in_memory(frames))
-    np.testing.assert_allclose(measured.reference_px, SPOTS[[1, 2, 0]], atol=0.05)
+    np.testing.assert_allclose(measured.reference_px, SPOTS[[0, 2, 1]], atol=0.05)
+    by_light = lb.measure(in_memory(frames), spots=lb.Find(order="light"))
+    np.testing.assert_allclose(by_light.reference_px, SPOTS[[1, 2, 0]], atol=0.05)
 
 
 def test_without_camera_there_are_shifts_and_a_note():

@@ -1,0 +1,113 @@
+"""Level and noise of a sky from the ranks of its pixels, even where a camera clips it at black.
+
+The dark pixels of a frame are the lower ranks of a normal distribution of which the spots have
+taken the upper ones, and a camera that clips at black the lowest. What is left in between is a
+straight line over the normal scores: its slope is the noise, its intercept the level, which may lie
+below black.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ndtri
+
+from losbench.arrays import Bools, Floats
+
+__all__ = ["CLIPPED", "digit_step", "level_and_noise", "medians"]
+
+
+CLIPPED = 0.08  # share of pixels at the minimum from which on a frame is clipped there
+_FEWEST = 15  # ranks
+
+
+def level_and_noise(
+    values: Floats,
+    digit: float,
+    clipped: Bools,
+    *,
+    most: float = 0.75,
+    unknown: tuple[float, float] | None = None,
+) -> tuple[Floats, Floats]:
+    """Level and noise (T,) of samples (T, n), of which the upper ranks may be spots.
+
+    Parameters
+    ----------
+    values : (T, n) array
+    digit : float
+        Step of the numbers; 0 for what is not whole.
+    clipped : (T, n) array of bool
+        What lies at the minimum of the frame, where a camera clips.
+    most : float
+        Share of the ranks up to which there are no spots.
+    unknown : (level, noise), optional
+        What stands where fewer than 15 ranks are left; unless given, the minimum and half a step.
+
+    Notes
+    -----
+    Ranks from 0.05 to 0.75; where a share c of at least 0.08 is clipped, from c + 0.1 (1 - c) to
+    the larger of 0.75 and c + 0.7 (1 - c), or to c + 0.35 (1 - c) if the spots are most of what is
+    left, and the noise would come out 1.5 times smaller by that. Whole numbers are spread over
+    their step by a fixed dither first.
+
+    Examples
+    --------
+    >>> dark = np.random.default_rng(1).normal(-0.2, 4.0, (1, 40000)).round().clip(0)
+    >>> level, noise = level_and_noise(dark, 1.0, dark <= 0)
+    >>> level.round(1).tolist(), noise.round(1).tolist()
+    ([-0.2], [4.0])
+    """
+    n = values.shape[1]
+    share = clipped.mean(axis=1)
+    share[share < CLIPPED] = 0.0
+    if digit:
+        values = values + digit * (np.random.default_rng(0).random(n) - 0.5)
+    lowest = values.min(axis=1)
+    if share.any():
+        values = np.where(clipped & (share > 0)[:, None], values.min() - 1.0, values)
+    ranked = np.sort(values, axis=1)
+    left = 1.0 - share
+    low = np.where(share > 0, share + 0.1 * left, 0.05)
+    high = np.where((share > 0) & (most > 0.5), np.maximum(most, share + 0.7 * left), most)
+    level, noise = _line(ranked, low, high)
+    if share.any():
+        lower = _line(ranked, low, np.where(share > 0, np.minimum(share + 0.35 * left, high), high))
+        narrow = lower[1] < noise / 1.5
+        level, noise = (np.where(narrow, a, b) for a, b in zip(lower, (level, noise), strict=True))
+    few = ~np.isfinite(noise)
+    if unknown is not None:
+        return np.where(few, unknown[0], level), np.where(few, unknown[1], noise)
+    return np.where(few, lowest, level), np.where(few, digit / 2, noise)
+
+
+def _line(ranked: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Intercept and slope (T,) of ranked values (T, n) over their normal scores, from the ranks low
+    to high (T,); NaN where they are fewer than 15.
+    """
+    n = ranked.shape[1]
+    rank = (np.arange(n) + 0.5) / n
+    score = ndtri(rank)
+    used = ((rank >= low[:, None]) & (rank <= high[:, None])).astype(np.float64)
+    number = used.sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle = used @ score / number
+        at = (used * ranked).sum(axis=1) / number
+        across = used * (score - middle[:, None])
+        noise = (across * ranked).sum(axis=1) / (across * score).sum(axis=1)
+    noise = np.where(number < _FEWEST, np.nan, noise)
+    return at - noise * middle, noise
+
+
+def digit_step(sample: Floats) -> float:
+    """Step of the numbers of a sample: 16 for twelve bits that are aligned to the left; 0 for
+    numbers that are not whole.
+    """
+    whole = sample.astype(np.int64) if np.abs(sample).max() < 2**53 else np.zeros(1, dtype=np.int64)
+    if not np.array_equal(whole, sample):
+        return 0.0
+    return float(np.gcd.reduce((whole - whole.min()).ravel())) or 1.0
+
+
+def medians(values: Floats) -> Floats:
+    """Median (T,) of each row, the upper of two."""
+    middle = values.shape[1] // 2
+    return np.partition(values, middle, axis=1)[:, middle]
