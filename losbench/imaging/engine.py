@@ -18,6 +18,7 @@ from losbench.imaging.flags import Cut, judged
 from losbench.imaging.hotpixels import gate_hot_pixels
 from losbench.imaging.noise import peak_reading, pixel_noise
 from losbench.imaging.protocols import CentroidMethod, Windows
+from losbench.imaging.ranks import digit_step
 from losbench.imaging.results import Measured, SpotFlag
 from losbench.imaging.stamps import cut_stamps
 
@@ -27,6 +28,8 @@ __all__ = ["Engine"]
 # over a half, so that a centroid near a pixel border is not cut back and forth
 _OFF_CENTRE = 0.6  # pixels
 _MOST_RECUTS = 10
+_SAMPLES = 2048  # readings that tell their step
+_TELLING = 8  # different ones
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Engine:
     full_scale_dn : float
         Reading of a saturated pixel.
     rounding : float, DN squared
-        Variance of a reading's rounding.
+        Least variance of a reading, for its rounding.
     """
 
     method: CentroidMethod
@@ -86,7 +89,8 @@ class Engine:
             full_scale = float(np.floor(detector.full_scale_dn))
         else:
             full_scale = float(np.iinfo(stack.dtype).max) if whole else np.inf
-        rounding = 1.0 / 12.0 if whole else 0.0
+        # More than a twelfth: with noise below half a step neighbours are rounded the same way.
+        rounding = _step(stack) ** 2 / 8.0 if whole else 0.0
         return cls(method, background, window, ring, detector, full_scale, rounding)
 
     def measure(
@@ -162,3 +166,9 @@ class Engine:
         noise = pixel_noise(plane, self.detector, self.rounding, last_digit)
         sides = self.window, self.ring
         return Cut(raw, signal, missing, peak, plane, noise, *sides, self.full_scale_dn)
+
+
+def _step(stack: NDArray[Any]) -> float:
+    """Step of whole readings: 16 where twelve bits are aligned to the left, 1 where few tell."""
+    sample = stack.reshape(-1)[:: max(1, stack.size // _SAMPLES) | 1].astype(np.float64)
+    return digit_step(sample) if len(np.unique(sample)) >= _TELLING else 1.0

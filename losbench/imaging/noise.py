@@ -44,8 +44,8 @@ def pixel_noise(
 ) -> PixelNoise:
     """Variance of the pixels on that background, from the detector or else from the ring.
 
-    ``rounding`` is the variance of a reading's rounding, DN squared, 0 for readings of a float
-    type, whose ``last_digit`` (M,) is then known.
+    ``rounding`` is the least variance of a reading that is rounded, DN squared, 0 for readings of
+    a float type, whose ``last_digit`` (M,) is then known.
     """
     if detector is None:
         # Frames without any noise are known to their last digit, not to nothing.

@@ -307,3 +307,18 @@ def test_frames_without_noise_have_a_small_error_and_not_none():
     for method in ("eiwa", "grey", "weighted", "gaussian"):
         found = lb.centroid(frame, [[20, 20]], method=method, window=25)
         assert (found.sigma_xy > 0).all()
+
+
+@pytest.mark.parametrize("step", [1, 4, 16])
+@pytest.mark.parametrize("method", ["eiwa", "weighted"])
+def test_readings_that_count_in_steps_have_the_noise_of_their_steps(step, method):
+    """Twelve bits aligned to the left: the ring may be all of one number."""
+    rng = np.random.default_rng(step)
+    xy = 20.0 + rng.uniform(-0.5, 0.5, (400, 1, 2))
+    light = lb.render_spots(xy, 900.0 * 2 * np.pi * 4.0, 2.0, (41, 41))
+    reading = light + rng.normal(403.0, 3.0, light.shape)
+    frames = (step * np.rint(reading / step)).astype(np.uint16)
+    found = lb.centroid(frames, np.rint(xy), method=method, window=13)
+    actual = np.sqrt(np.mean((found.xy - xy) ** 2))
+    stated = np.sqrt(np.mean(found.sigma_xy**2))
+    assert 0.85 < stated / actual < 1.6
