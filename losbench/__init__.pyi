@@ -115,6 +115,9 @@ from .recording.run import Run as Run
 from .series import sliding_mean as sliding_mean
 from .telemetry.correct import correct_telemetry as correct_telemetry
 from .workbench import explorers as explorers
-from .workbench.ledger.verdicts import Ledger as Ledger
+from .workbench.ledger.entries import Value as Value
+from .workbench.ledger.ledger import Ledger as Ledger
+from .workbench.ledger.tracking import fields_read as fields_read
+from .workbench.ledger.tracking import watch as watch
 
 __version__: str

@@ -132,8 +132,15 @@ def test_missing_times_are_named(twin, tmp_path, capsys):
 def test_the_ledger_lists_the_claims_of_a_paper(capsys):
     assert main(["ledger", "--paper", "liu2026"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 59
+    assert len(lines) == 70
+    assert lines[0].startswith("irls-01      arithmetic  = 1.1 deg")
     assert main(["ledger", "--paper", "liu2025"]) == 2
+
+
+def test_a_claim_that_does_not_exist_is_named(capsys):
+    assert main(["claim", "irls-99"]) == 2
+    said = capsys.readouterr().err
+    assert said == "losbench claim: no claim 'irls-99'; ids run from irls-01 to drift-13\n"
 
 
 def test_a_reader_that_goes_away_ends_the_command_quietly():
@@ -166,7 +173,7 @@ def test_a_defect_of_its_own_keeps_its_traceback(monkeypatch, error):
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("losbench.workbench.ledger.verdicts.Ledger.collect", fail)
+    monkeypatch.setattr("losbench.workbench.ledger.ledger.Ledger.collect", fail)
     with pytest.raises(type(error)):
         main(["ledger"])
 
@@ -174,7 +181,7 @@ def test_a_defect_of_its_own_keeps_its_traceback(monkeypatch, error):
 def test_so_does_an_error_of_value_that_no_check_raised(monkeypatch):
     broken = (np.ones(2), np.ones(3))
     monkeypatch.setattr(
-        "losbench.workbench.ledger.verdicts.Ledger.collect", lambda **_: np.add(*broken)
+        "losbench.workbench.ledger.ledger.Ledger.collect", lambda **_: np.add(*broken)
     )
     with pytest.raises(ValueError, match="operands could not be broadcast"):
         main(["ledger"])

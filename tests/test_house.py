@@ -27,6 +27,7 @@ DISTRIBUTION = {  # where a package is not called what it is imported as
     "IPython": "ipython",
     "PIL": "pillow",
     "skfem": "scikit-fem",
+    "yaml": "pyyaml",
 }
 BY_HAND = {"batoid"}  # made reference data once; the script says how
 OWN = {"losbench", *BY_HAND, *(path.stem for path in ROOT.glob("tests/**/*.py"))} | {

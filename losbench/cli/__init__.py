@@ -1,4 +1,4 @@
-"""The command line: ``losbench reproduce | measure | simulate | drift | ledger``.
+"""The command line: ``losbench reproduce | measure | simulate | drift | ledger | claim``.
 
 Exit codes: 0 done; 1 a notebook failed, or a verdict is not the accepted one; 2 wrong arguments or
 unusable input, said in one line; 130 interrupted; 141 whoever reads the output has gone. A defect
@@ -97,4 +97,5 @@ def _parser() -> argparse.ArgumentParser:
     )
     for command in (reproduce, measure, simulate, drift, ledger):
         command.add(commands, quiet)
+    ledger.add_claim(commands, quiet)
     return parser

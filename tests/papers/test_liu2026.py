@@ -9,7 +9,14 @@ import pytest
 
 import losbench as lb
 from losbench.papers.liu2026 import twin
-from losbench.papers.liu2026.results import angles, centroiding, geometry, twospots, warmup
+from losbench.papers.liu2026.results import (
+    angles,
+    centroiding,
+    geometry,
+    reductions,
+    twospots,
+    warmup,
+)
 from losbench.papers.liu2026.scenario import Bench, ConstantBench, ThermalBench, next_odd
 from losbench.papers.provenance import assumptions
 from losbench.pointing.attitude import attitude_covariance
@@ -176,3 +183,40 @@ def test_irls_keeps_the_sensitivity_that_outliers_take_from_ls():
     moved = (spoiled - clean).abs()
     assert clean.loc["alpha", "irls"] == pytest.approx(clean.loc["alpha", "truth"], rel=0.03)
     assert (moved.loc[["alpha", "beta"], "irls"] < 0.1 * moved.loc[["alpha", "beta"], "ls"]).all()
+
+
+@pytest.mark.parametrize("noise", list(geometry.NOISE_FORMS))
+def test_every_form_of_noise_has_the_sigma_that_it_states(noise):
+    draws = geometry.unit_noise(np.random.default_rng(4), (200_000,), noise)
+    assert draws.std() == pytest.approx(geometry.NOISE_FORMS[noise], rel=0.01)
+    if noise != "gaussian":
+        assert np.abs(draws).max() <= 1.0
+    with pytest.raises(ValueError, match="noise must be one of"):
+        geometry.unit_noise(np.random.default_rng(4), (3,), "pink")
+
+
+def test_a_filter_of_gain_one_changes_nothing_and_a_low_one_smooths():
+    series = np.random.default_rng(5).standard_normal((4000, 2))
+    np.testing.assert_allclose(reductions.smoothed(series, 1.0), series, atol=1e-15)
+    for gain in (0.8, 0.3):
+        expected = np.sqrt(gain / (2.0 - gain))
+        assert reductions.smoothed(series, gain).std() == pytest.approx(expected, rel=0.05)
+
+
+def test_pv_over_rms_knows_noise_from_a_sinusoid(constant):
+    setting, run = constant
+    rows = reductions.shape_values(run, setting).set_index("claim")
+    assert (np.abs(rows.value - 5.0) < 1.0).all()
+    t = np.arange(100.0)
+    sinusoid = np.sin(2 * np.pi * 0.0373 * t)
+    assert np.ptp(sinusoid) / sinusoid.std() == pytest.approx(rows.null.iloc[0], rel=0.02)
+
+
+def test_the_contest_of_sensitivities_is_decided_by_seeds():
+    setting = ThermalBench(frame_period_s=120.0)
+    drift = warmup.figure_5(setting)
+    won = warmup.sensitivity_contest(drift, setting, bad_share=0.05, bad_arcsec=20.0, seeds=12)
+    assert won.shape == (12,)
+    assert won.dtype == bool
+    again = warmup.sensitivity_contest(drift, setting, bad_share=0.05, bad_arcsec=20.0, seeds=12)
+    np.testing.assert_array_equal(won, again)

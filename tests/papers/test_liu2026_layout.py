@@ -159,3 +159,11 @@ def test_least_squares_in_the_place_of_irls_fits_nowhere(monkeypatch):
 def test_an_unknown_reading_is_refused_by_name(wrong, message):
     with pytest.raises(ValueError, match=message):
         fit_table_2(**wrong)
+
+
+def test_one_c_for_the_run_is_the_pooled_scale_of_irls():
+    shifts = 2e-4 * np.random.default_rng(7).standard_normal((300, 2, 2))
+    matrix = lb.design_matrix(np.column_stack([POINTS, [-260.0, -260.0]]), model="paper")
+    pooled = lb.irls(matrix, shifts.reshape(-1, 4), scale="pooled", tol=1e-15, max_iter=20000).x
+    closed = two_spot_angles(POINTS, shifts, focal_mm=260.0, scale="run")
+    assert np.abs(rad_to_arcsec(pooled - closed)).max() < 1e-9

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.papers.lyu2015 import results, twin
-from losbench.papers.lyu2015.scenario import TABLE_1, Setting
+from losbench.papers.lyu2015 import results, rotation, twin
+from losbench.papers.lyu2015.scenario import RATE_LAWS, TABLE_1, Setting
 from losbench.papers.provenance import assumptions
 
 SETTING = Setting()
@@ -71,7 +71,7 @@ def test_fig_6_falls_and_levels_off_and_fig_7_hardly_rises(shots):
 def test_the_example_fits_table_1_nearly_as_well_as_any_rotation():
     one = twin.example(SETTING)
     np.testing.assert_allclose(one.end + 0.5, TABLE_1["xy"], atol=1e-6)
-    fitted, _ = results.one_rotation()
+    fitted, _ = rotation.one_rotation()
     best = np.sqrt(np.mean((fitted - TABLE_1["traditional"]) ** 2))
     ours = np.sqrt(np.mean((one.error(one.traditional) - TABLE_1["traditional"]) ** 2))
     assert 0.03 < best < ours < 1.5 * best
@@ -98,3 +98,24 @@ def test_another_vibration_gives_other_numbers(shots):
     assert slow.error(slow.traditional).mean() > 1.5 * shots.error(shots.traditional).mean()
     aided = results.quiet(slow, SETTING.sensed(slow.motion, lb.Gyro(rate_hz=200.0)))
     assert aided.mean() < 2e-4
+
+
+def test_the_limit_per_axis_is_exceeded_by_the_norm_and_four_laws_keep_it():
+    shakes = SETTING.vibrations(2000, 1)
+    top = np.degrees(SETTING.fastest(shakes))
+    assert np.mean(top > 3.0) == pytest.approx(0.37, abs=0.04)
+    assert 4.0 < top.max() < 3.0 * np.sqrt(3.0)
+    for law in RATE_LAWS:
+        other = replace(SETTING, rate_limit=law)
+        kept = np.degrees(other.fastest(other.vibrations(500, 1)))
+        assert len(kept) == 500
+        assert kept.max() <= 3.0 + 1e-9
+    with pytest.raises(ValueError, match="rate_limit must be"):
+        replace(SETTING, rate_limit="none").vibrations(3, 1)
+
+
+def test_clean_stars_share_one_rotation_and_a_threshold_parts_them():
+    clean = rotation.rotation_misfits(SETTING, images=12)
+    assert clean.max() < 0.02
+    cut = rotation.rotation_misfits(SETTING, threshold=0.05, images=12)
+    assert np.median(cut) > 2 * np.median(clean)

@@ -25,7 +25,7 @@ figures.save(fig, "liu2026-fig-{0}", seed={0})
 JUDGE = """
 import losbench as lb
 ledger = lb.Ledger()
-ledger.judge("irls-13", {value}, reading="260 mm")
+ledger.value("irls-13", lb.Value({{"focal": "260 mm"}}, {value}))
 ledger.save("{number}")
 """
 
@@ -66,7 +66,7 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
     )
     notebooks = tmp_path / "note books"
     write(notebooks, "01-draw", DRAW.format(1), JUDGE.format(value=4.2278, number="01"))
-    write(notebooks, "90-end", "import losbench as lb\nlen(lb.Ledger.collect().findings)")
+    write(notebooks, "90-end", "import losbench as lb\nlen(lb.Ledger.collect().examined)")
     kept = ("figures", "tables", "ledger", "ledger.csv", "ledger.html")
     first, second = tmp_path / "a", tmp_path / "b"
     for build in (first, second):
@@ -75,7 +75,7 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
             ("01-draw", "", False),
             ("90-end", "", False),
         ]
-        assert result.counts == {"pending": 95, "reproduced": 1}
+        assert result.counts == {"agrees": 1, "pending": 113}
     assert contents(first, *kept) == contents(second, *kept)
     assert {p.name for p in (first / "figures").iterdir()} == {
         f"liu2026-fig-1.{kind}" for kind in ("png", "svg", "json")
@@ -90,19 +90,22 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
     assert f"begin with {first / 'html' / 'index.html'}." in result.summary().replace(
         str(second), str(first)
     )
-    for file in (first / "ledger.html", *(first / "html").iterdir()):
-        for link in re.findall(r'(?:href|src)="([^"#:]+)"', file.read_text()):
+    pages = (first / "ledger.html", first / "replication.html", *(first / "html").iterdir())
+    for file in pages:
+        for link in re.findall(r'(?:href|src)="([^"#:]+)[#"]', file.read_text()):
             assert (file.parent / link).is_file(), (file.name, link)
-    assert '<a href="html/01-draw.html">irls-13</a>' in (first / "ledger.html").read_text()
+    link = '<a href="html/01-draw.html#cell-id=cell-1">irls-13</a>'
+    assert link in (first / "ledger.html").read_text()
+    assert 'id="cell-id=cell-1"' in (first / "html" / "01-draw.html").read_text()
     page = (first / "html" / "01-draw.html").read_text()
     assert "<msup>" in page
     assert "<script" not in page
     with (first / "ledger.csv").open() as file:
-        assert sum(row["verdict"] == "reproduced" for row in csv.DictReader(file)) == 1
+        assert sum(row["verdict"] == "agrees" for row in csv.DictReader(file)) == 1
 
     assert reproduce(["01"], out=first, notebooks=notebooks, quiet=True).runs[0].reused
     (notebooks / "01-draw.ipynb").unlink()
-    assert reproduce(out=first, notebooks=notebooks, quiet=True).counts == {"pending": 96}
+    assert reproduce(out=first, notebooks=notebooks, quiet=True).counts == {"pending": 114}
     assert not contents(first, "figures", "ledger")
 
 
@@ -145,14 +148,14 @@ def test_a_verdict_other_than_the_accepted_one_fails_the_run(notebooks, tmp_path
     )
     result = reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, quiet=True)
     assert not result.ok
-    assert "irls-13: accepted differs, found reproduced" in result.summary()
+    assert "irls-13: accepted differs, found agrees" in result.summary()
     (tmp_path / "build" / "ledger" / "01.json").unlink()
     again = reproduce(
         ["01"], out=tmp_path / "build", notebooks=notebooks, accept_verdicts=True, quiet=True
     )
     assert again.ok
     assert not again.runs[0].reused
-    assert accepted.read_text() == "id,verdict\nirls-13,reproduced\n"
+    assert accepted.read_text() == "id,verdict\nirls-13,agrees\n"
 
 
 def test_a_selection_that_matches_nothing_is_refused(notebooks, tmp_path):
@@ -182,3 +185,21 @@ def test_names_are_quoted_in_addresses_and_escaped_in_attributes(tmp_path):
     (tmp_path / "tables" / 'a"b<&#.csv').write_text("x")
     page = index_page([], tmp_path)
     assert 'href="../tables/a%22b%3C%26%23.csv">a&quot;b&lt;&amp;#.csv</a>' in page
+
+
+@pytest.mark.slow
+def test_a_claim_is_computed_from_scratch_with_its_seconds_and_a_digest(notebooks, tmp_path):
+    from losbench.workbench.reproduction.claim import recompute
+
+    first, second = (
+        recompute("irls-13", out=out, quiet=True, notebooks=notebooks)
+        for out in (tmp_path / "kept", None)
+    )
+    assert first.row["verdict"] == "agrees"
+    assert (first.row, first.digest) == (second.row, second.digest)
+    assert first.text().splitlines()[-1].split() == ["sha256", first.digest]
+    assert (tmp_path / "kept" / "ledger" / "01.json").is_file()
+    with pytest.raises(FileExistsError, match="is not empty"):
+        recompute("irls-13", out=tmp_path / "kept", quiet=True, notebooks=notebooks)
+    with pytest.raises(ValueError, match="no notebook begins with 06"):
+        recompute("irls-23", quiet=True, notebooks=notebooks)

@@ -13,6 +13,7 @@ from .results.centroiding import Constant as Constant
 from .results.centroiding import constant_run as constant_run
 from .results.centroiding import sampled as sampled
 from .results.centroiding import table_1 as table_1
+from .results.geometry import NOISE_FORMS as NOISE_FORMS
 from .results.geometry import Simulation as Simulation
 from .results.geometry import beam_angle_deg as beam_angle_deg
 from .results.geometry import figure_1 as figure_1
@@ -23,6 +24,10 @@ from .results.layout import LayoutFit as LayoutFit
 from .results.layout import LayoutModel as LayoutModel
 from .results.layout import fit_table_2 as fit_table_2
 from .results.layout import table_2_statistics as table_2_statistics
+from .results.reductions import Reductions as Reductions
+from .results.reductions import printed_reductions as printed_reductions
+from .results.reductions import reductions as reductions
+from .results.reductions import shape_values as shape_values
 from .results.thermoelastic import UncertainCamera as UncertainCamera
 from .results.thermoelastic import budget as budget
 from .results.thermoelastic import left_over as left_over
@@ -36,6 +41,7 @@ from .results.twospots import two_spot_angles as two_spot_angles
 from .results.warmup import Drift as Drift
 from .results.warmup import figure_5 as figure_5
 from .results.warmup import sensitivities as sensitivities
+from .results.warmup import sensitivity_contest as sensitivity_contest
 from .scenario import Bench as Bench
 from .scenario import ConstantBench as ConstantBench
 from .scenario import MonteCarlo as MonteCarlo

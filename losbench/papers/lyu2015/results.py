@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from losbench.arrays import Floats
 from losbench.imaging.smeared.aided import aided_centroid
 from losbench.imaging.smeared.bound import streak_bound
-from losbench.optics.camera import design_matrix
 from losbench.optics.motion.gyro import Gyro
 from losbench.optics.motion.path import AttitudePath
 from losbench.optics.motion.vibration import Vibration
-from losbench.papers.lyu2015.scenario import TABLE_1, Setting
+from losbench.papers.lyu2015.scenario import Setting
 from losbench.papers.lyu2015.twin import Exposures, expose, random_exposures
 
 if TYPE_CHECKING:
@@ -28,12 +26,14 @@ __all__ = [
     "accuracy",
     "floor_px",
     "gyro_errors",
+    "improves",
     "one_frequency",
-    "one_rotation",
     "quiet",
     "readings",
     "sigma_sweep",
+    "stays",
     "width_error",
+    "worsens",
 ]
 
 
@@ -201,6 +201,25 @@ def readings(setting: Setting, shots: Exposures, path: AttitudePath) -> pd.DataF
     return pd.DataFrame(rows).set_index("method")
 
 
+def improves(by_sigma: pd.DataFrame, column: str = "iterative") -> bool:
+    """Whether the error of `sigma_sweep` falls to 0.4 px and ends at what rounds to 0.01 px
+    (inertial-20).
+    """
+    error = by_sigma.set_index("sigma_px")[column]
+    falls = error[0.1] > error[0.2] > error[0.4] and error[1.5] <= error[0.2]
+    return bool(falls and 0.005 <= error[1.5] < 0.015)
+
+
+def stays(error: Floats) -> bool:
+    """Whether every error rounds to 0.01 px (inertial-22)."""
+    return bool(((error >= 0.005) & (error < 0.015)).all())
+
+
+def worsens(error: Floats) -> bool:
+    """Whether the last error is larger than the first, by less than a fifth (inertial-27)."""
+    return bool(error[0] < error[-1] < 1.2 * error[0])
+
+
 _METHODS: dict[str, dict[str, Any]] = {
     "iterative, every pixel": {},
     "iterative, above 3 %": {"threshold": 0.03},
@@ -249,22 +268,6 @@ def accuracy(
         row["joint"] = _joint(shots, path, frames, grouped, options, bound)
         rows.append(row)
     return pd.DataFrame(rows).set_index("flux_e")
-
-
-def one_rotation() -> tuple[Floats, Floats]:
-    """Distances that a rotation of the camera gives Table 1's stars, the best for the traditional
-    errors; and it.
-    """
-    camera = Setting().camera
-    rows = design_matrix(camera.points_mm(TABLE_1["xy"] - 0.5)).reshape(-1, 2, 3) / camera.pixel_mm
-
-    def misfit(turn: Floats) -> Floats:
-        return np.linalg.norm(rows @ turn, axis=1) - TABLE_1["traditional"]
-
-    starts = np.random.default_rng(0).normal(0.0, 5e-4, (20, 3))
-    fits = [least_squares(misfit, start, x_scale=1e-4) for start in starts]
-    best = min(fits, key=lambda fit: fit.cost).x
-    return np.linalg.norm(rows @ best, axis=1), best
 
 
 def _joint(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
+from losbench.checks import choice
 from losbench.imaging.detector import Detector
 from losbench.optics.camera import Camera
 from losbench.optics.motion.gyro import Gyro
@@ -16,8 +17,11 @@ from losbench.optics.motion.path import AttitudePath, gyro_path, motion_path
 from losbench.optics.motion.vibration import Motion, Vibration, random_vibration
 from losbench.papers.provenance import assumed, calibrated, stated
 
-__all__ = ["HALF_TURN", "TABLE_1", "Setting"]
+__all__ = ["HALF_TURN", "RATE_LAWS", "TABLE_1", "Setting"]
 
+
+RATE_LAWS = ("scaled down", "rejected", "all at the limit", "uniform")
+"""Ways to keep the norm of the rates below a limit that each axis alone may reach."""
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 """Eq. (1) has x = N/2 - f e_x/e_z: the paper's body axes against this library's camera axes."""
@@ -58,10 +62,18 @@ class Setting:
     axes: str = assumed(
         "three", "", 'an independent sinusoid about each axis; "one": about one random axis'
     )
-    frequency_hz: tuple[float, float] = assumed(
+    rate_limit: str = assumed(
+        "axis",
+        "",
+        'up to 3 deg/s "axis" by axis; as a norm the laws of `RATE_LAWS` are tried beside it',
+    )
+    frequency_hz: tuple[float, float] = calibrated(
         (1.0, 60.0),
         "Hz",
-        "uniform; the paper gives no frequency, and the printed means allow this range",
+        "uniform; the paper gives no frequency, and with this band its plain mean comes out",
+        to=("inertial-17",),
+        low=(1.0, 40.0),
+        high=(1.0, 100.0),
     )
     interpolation: str = assumed(
         "linear", "", "a constant rate within each increment, the simplest use of eq. (8)"
@@ -84,9 +96,15 @@ class Setting:
         "of the flux",
         "Table 1's spread within one image: 0.003 to 0.089 px; other thresholds are tried beside "
         "it",
+        to=tuple(f"inertial-{k:02d}" for k in range(9, 17)),
+        low=0.01,
+        high=0.05,
     )
     table_1_seed: int = calibrated(
-        2015, "", "of 20000 vibrations, the one whose traditional errors fit Table 1 best"
+        2015,
+        "",
+        "of 20000 vibrations, the one whose traditional errors fit Table 1 best",
+        to=tuple(f"inertial-{k:02d}" for k in range(1, 9)),
     )
     seed: int = assumed(2015, "", "any; no verdict depends on it")
 
@@ -111,11 +129,32 @@ class Setting:
         return self.zero_point_e * 10.0 ** (-0.4 * np.asarray(magnitude, dtype=np.float64))
 
     def vibrations(self, n: int, rng: np.random.Generator | int) -> Vibration:
-        """Draw vibrations for n exposures."""
-        top = np.radians(self.max_rate_deg_s)
-        return random_vibration(
-            n, rng, max_rate_rad_s=float(top), frequency_hz=self.frequency_hz, axes=self.axes
+        """Draw vibrations for n exposures, their rates limited as ``rate_limit`` says."""
+        choice("rate_limit", self.rate_limit, ("axis", *RATE_LAWS))
+        draws = np.random.default_rng(rng)
+        count = 4 * n if self.rate_limit == "rejected" else n
+        top = float(np.radians(self.max_rate_deg_s))
+        shakes = random_vibration(
+            count, draws, max_rate_rad_s=top, frequency_hz=self.frequency_hz, axes=self.axes
         )
+        if self.rate_limit == "axis":
+            return shakes
+        over = np.degrees(self.fastest(shakes)) / self.max_rate_deg_s
+        if self.rate_limit == "rejected":
+            kept = np.flatnonzero(over <= 1.0)[:n]
+            names = ("constant_rad_s", "amplitude_rad_s", "frequency_hz", "phase_rad")
+            return replace(shakes, **{name: getattr(shakes, name)[kept] for name in names})
+        factor = {
+            "scaled down": np.minimum(1.0, 1.0 / over),
+            "all at the limit": 1.0 / over,
+            "uniform": draws.random(count) / over,
+        }[self.rate_limit]
+        return replace(shakes, amplitude_rad_s=shakes.amplitude_rad_s * factor[:, None])
+
+    def fastest(self, motion: Vibration) -> Floats:
+        """Return the largest norm of the rates in each exposure, (F,) in rad/s."""
+        times = np.linspace(0.0, self.exposure_s, 101)
+        return np.linalg.norm(motion.rate(times), axis=-1).max(axis=-1)
 
     def truth(self, motion: Motion, *, nodes: int = 4) -> AttitudePath:
         """Return the path that a motion really takes."""

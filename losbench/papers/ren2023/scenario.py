@@ -49,12 +49,14 @@ class Pair:
     drift_1_arcsec: tuple[float, float, float] = calibrated(
         (-0.45, 0.5, 1.2),
         "arcsec",
-        "x: with camera 2 the 1.1 arcsec of section 2.3; y and z: " + _UNSEEN,
+        "x: with camera 2 the 1.1 arcsec of section 2.3, linear in time; y and z: " + _UNSEEN,
+        to=("drift-01", "drift-10"),
     )
     drift_2_arcsec: tuple[float, float, float] = calibrated(
         (0.65, -0.3, -0.9),
         "arcsec",
-        "x: with camera 1 the 1.1 arcsec of section 2.3; y and z: " + _UNSEEN,
+        "x: with camera 1 the 1.1 arcsec of section 2.3, linear in time; y and z: " + _UNSEEN,
+        to=("drift-01", "drift-10"),
     )
     orbital_arcsec: float = assumed(
         0.05,
@@ -62,9 +64,14 @@ class Pair:
         "drift of the common base, about every axis, that comes and goes with sunlight",
     )
     lsfe_arcsec: float = calibrated(
-        0.2225, "arcsec", "3 sigma, one camera: the pair's total error of 0.74 arcsec"
+        0.2225,
+        "arcsec",
+        "3 sigma, one camera: the pair's total error of 0.74 arcsec",
+        to=("drift-03",),
     )
-    nea_arcsec: float = calibrated(0.48, "arcsec", "3 sigma, one camera: section 2.4")
+    nea_arcsec: float = calibrated(
+        0.48, "arcsec", "3 sigma, one camera: section 2.4", to=("drift-06",)
+    )
     correlation_s: float = assumed(
         15.0, "s", "how long stars take to cross a distortion: exp(-t^2 / (2 15^2))"
     )
@@ -75,11 +82,13 @@ class Pair:
     field_deg: float = assumed(
         3.0, "deg", "spots at (+3, +3) and (-3, -3) deg, on both sides of the axis"
     )
-    spot_noise_um: float = calibrated(0.137, "um", "drift to 0.1 arcsec, read as 3 sigma")
+    spot_noise_um: float = calibrated(
+        0.137, "um", "drift to 0.1 arcsec, read as 3 sigma", to=("drift-07",)
+    )
     pixel_um: float = assumed(8.0, "um", "large-format CMOS")
     shape: tuple[int, int] = assumed((8192, 8192), "px", "holds the spots")
     spot_sigma_px: float = assumed(2.0, "px", "a spot of 8 px (4 sigma)")
-    spot_flux_e: float = calibrated(27000.0, "e-", "centroids to 0.137 um")
+    spot_flux_e: float = calibrated(27000.0, "e-", "centroids to 0.137 um", to=("drift-07",))
     seed: int = assumed(20230004, "", "any; no verdict depends on it")
 
     @cached_property

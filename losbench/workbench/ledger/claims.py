@@ -1,4 +1,4 @@
-"""What the papers claim, what was found, and the tables that hold both."""
+"""What the papers claim, the classes that a verdict can have, and the tables that hold both."""
 
 from __future__ import annotations
 
@@ -10,43 +10,54 @@ from dataclasses import dataclass, fields
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from losbench.resources import data_file, write_whole
 from losbench.tables import Dialect, read_table
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 __all__ = [
+    "CLASSES",
     "COLUMNS",
-    "VERDICTS",
     "Claim",
-    "Finding",
     "accept",
+    "accepted_counts",
     "accepted_verdicts",
     "as_csv",
-    "as_text",
+    "counted",
     "read_claims",
+    "with_error",
 ]
 
-VERDICTS = {
-    "reproduced": "the print lies inside the 99.7 % interval of our value, its rounding included",
-    "differs": "it does not",
-    "impossible": "it contradicts the paper's own statements or geometry, by a computation",
-    "calibrated": "used to set up the twin, so no evidence",
-    "untestable": "the paper does not give what a test would need",
-    "pending": "not yet examined",
+CLASSES = {
+    "agrees": "print and value meet under every reading tried, and doing nothing would not",
+    "depends": "they meet under some readings and not under others, which are named",
+    "differs": "they meet under none",
+    "arithmetic": "the paper's own prints decide; true or false stands in the reason",
+    "no power": "they meet, but the print is hardly less likely if the method does nothing",
+    "follows": "made of what was set, or of another claim: no evidence of its own",
+    "set": "used to set the twin up: no evidence",
+    "open": "a test lacks something; the reason asks for it",
 }
+"""What a verdict can be; `pending` stands where no notebook has examined the claim yet."""
+
 _RELATIONS = ("=", "~", "<=", ">=")
 COLUMNS = (
     *("id", "paper", "where", "quantity", "relation", "claimed", "unit", "note"),
-    *("ours", "uncertainty", "reading", "verdict", "evidence"),
+    *("verdict", "under", "ours", "odds", "conflicts", "depends_on", "reason"),
+    *("notebook", "cell"),
 )
 
 
 @dataclass(frozen=True)
 class Claim:
     """One statement of a paper as printed; ``claimed`` stays text, since 0.10 promises more than
-    0.1.
+    0.1. ``block`` is the table or figure that is tested as a whole, ``notebook`` the one that
+    examines it.
     """
 
     id: str
@@ -57,6 +68,8 @@ class Claim:
     claimed: str
     unit: str
     note: str
+    block: str = ""
+    notebook: str = ""
 
     @cached_property
     def interval(self) -> tuple[float, float]:
@@ -70,16 +83,10 @@ class Claim:
         low, high = float(printed - rounding), float(printed + rounding)
         return {"<=": (-np.inf, high), ">=": (low, np.inf)}.get(self.relation, (low, high))
 
-
-@dataclass(frozen=True)
-class Finding:
-    """What a notebook found about one claim, as the ledger prints it."""
-
-    verdict: str
-    ours: str = ""
-    uncertainty: str = ""
-    reading: str = ""
-    evidence: str = ""
+    @property
+    def print(self) -> str:
+        """The print in one phrase: relation, number and unit."""
+        return f"{self.relation} {self.claimed} {self.unit}".strip()
 
 
 def read_claims(path: str | Path | None = None) -> dict[str, Claim]:
@@ -129,6 +136,28 @@ def accepted_verdicts() -> dict[str, str]:
         return {row["id"]: row["verdict"] for row in csv.DictReader(file)}
 
 
+def counted(verdicts: Iterable[str]) -> str:
+    """Return how many verdicts are of which class, as a phrase.
+
+    >>> counted(["set", "agrees", "set"])
+    '1 agrees, 2 set'
+    """
+    every = list(verdicts)
+    kinds = [*CLASSES, "pending"]
+    return ", ".join(f"{every.count(kind)} {kind}" for kind in kinds if kind in every)
+
+
+def accepted_counts() -> pd.DataFrame:
+    """Return how many claims of each paper have which accepted verdict, as a table."""
+    import pandas as pd
+
+    claims = read_claims()
+    verdicts = pd.Series(accepted_verdicts(), name="verdict")
+    papers = pd.Series({id_: claims[id_].paper for id_ in verdicts.index}, name="paper")
+    counts = pd.crosstab(verdicts, papers, margins=True, margins_name="all")
+    return counts.reindex([*(kind for kind in CLASSES if kind in counts.index), "all"])
+
+
 def accept(verdicts: Mapping[str, str]) -> None:
     """Rewrite ``data/verdicts.csv`` with these verdicts."""
     rows = ({"id": id_, "verdict": verdict} for id_, verdict in verdicts.items())
@@ -144,10 +173,13 @@ def as_csv(columns: Iterable[str], rows: Iterable[Mapping[str, str]]) -> str:
     return text.getvalue()
 
 
-def as_text(value: float | np.bool_ | str | None, digits: int = 6) -> str:
-    """Six digits: enough for every print, too few for the noise of another BLAS to show."""
-    if isinstance(value, bool | np.bool_):
-        return str(bool(value)).lower()
-    if value is None or isinstance(value, str):
-        return value or ""
-    return f"{float(value):.{digits}g}"
+def with_error(value: float, error: float = 0.0) -> str:
+    """Return a value with its error to two digits, or to four digits where it has none.
+
+    >>> with_error(13.7612, 6.8213), with_error(0.0110497, 0.00024), with_error(1.1913971)
+    ('13.8 ± 6.8', '0.01105 ± 0.00024', '1.191')
+    """
+    if not error > 0.0:
+        return f"{value:.4g}"
+    places = max(0, 1 - int(np.floor(np.log10(float(f"{error:.1e}")))))
+    return f"{value:.{places}f} ± {error:.{places}f}"

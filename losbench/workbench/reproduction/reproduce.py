@@ -25,9 +25,10 @@ from tqdm import tqdm
 from losbench.checks import integer
 from losbench.outputs import locked
 from losbench.resources import build_folder, data_file, notebook_folder, write_whole
-from losbench.workbench.ledger.claims import accept, accepted_verdicts
-from losbench.workbench.ledger.verdicts import Ledger
-from losbench.workbench.reproduction.pages import index_page
+from losbench.workbench.ledger.claims import COLUMNS, accept, accepted_verdicts, as_csv
+from losbench.workbench.ledger.ledger import Ledger
+from losbench.workbench.reproduction.pages import cell_anchors, index_page, ledger_page
+from losbench.workbench.reproduction.replication import replication_page
 from losbench.workbench.reproduction.running import Run, end_with_parent, reads_others, run_notebook
 
 __all__ = ["Reproduction", "reproduce"]
@@ -48,10 +49,11 @@ class Reproduction:
         return not self.changed and not any(run.error for run in self.runs)
 
     def summary(self) -> str:
-        """Return the seconds per notebook, what failed, and the verdicts, as text."""
+        """Return time and memory per notebook, what failed, and the verdicts, as text."""
         width = max((len(run.notebook) for run in self.runs), default=0)
         lines = [
-            f"{run.notebook:<{width}}  {run.seconds:6.1f} s  {'FAILED' if run.error else 'unchanged' * run.reused}"
+            f"{run.notebook:<{width}}  {run.seconds:6.1f} s  {run.memory_mb:5.0f} MB  "
+            f"{'FAILED' if run.error else 'unchanged' * run.reused}"
             for run in self.runs
         ]
         lines += [f"\n{run.error}" for run in self.runs if run.error]
@@ -126,7 +128,7 @@ def reproduce(
         pages = [path for path in every if (target / "html" / f"{path.stem}.html").is_file()]
         write_whole(target / "html" / "index.html", index_page(pages, target))
         changed, counts = _settle(
-            target, pages, complete=not select, accept_verdicts=accept_verdicts, runs=runs
+            target, complete=not select, accept_verdicts=accept_verdicts, runs=runs
         )
     return Reproduction(runs, changed, target, counts)
 
@@ -216,12 +218,18 @@ def _reusable(notebook: str, inputs: str, target: Path) -> Run | None:
     """Return the earlier run if its inputs were the same and all that it made is still there."""
     if reads_others(notebook):
         return None
-    with suppress(FileNotFoundError, json.JSONDecodeError):
+    with suppress(FileNotFoundError, json.JSONDecodeError, KeyError):
         record = json.loads(_record(notebook, target).read_text(encoding="utf-8"))
         if record["inputs"] == inputs and all(
             (target / product).is_file() for product in record["products"]
         ):
-            return Run(notebook, record["seconds"], reused=True, products=tuple(record["products"]))
+            return Run(
+                notebook,
+                record["seconds"],
+                memory_mb=record["memory_mb"],
+                reused=True,
+                products=tuple(record["products"]),
+            )
     return None
 
 
@@ -262,32 +270,33 @@ def _common_inputs() -> bytes:
 
 def _settle(
     target: Path,
-    pages: Iterable[Path],
     *,
     complete: bool,
     accept_verdicts: bool,
     runs: Iterable[Run],
 ) -> tuple[list[str], dict[str, int]]:
-    """Write the ledger; return the verdicts that are not the accepted ones, and how many there are
-    of each.
+    """Write ledger and report; return the verdicts that are not the accepted ones, and how many
+    there are of each.
     """
     ledger = Ledger.collect(target / "ledger")
-    write_whole(target / "ledger.csv", ledger.to_csv())
-    write_whole(target / "ledger.html", ledger.to_html(path.stem for path in pages))
-    found = ledger.verdicts()
+    rows, anchors = list(ledger.rows()), cell_anchors(target)
+    write_whole(target / "ledger.csv", as_csv(COLUMNS, rows))
+    write_whole(target / "ledger.html", ledger_page(rows, anchors))
+    write_whole(target / "replication.html", replication_page(ledger, target, anchors))
+    found = {row["id"]: row["verdict"] for row in rows}
+    examined = {id_ for id_, verdict in found.items() if verdict != "pending"}
     counts = {
         verdict: list(found.values()).count(verdict) for verdict in sorted(set(found.values()))
     }
     if accept_verdicts and not any(run.error for run in runs):
-        accept(
-            found
-            if complete
-            else {**accepted_verdicts(), **{id_: found[id_] for id_ in ledger.findings}}
+        kept = (
+            found if complete else {**accepted_verdicts(), **{id_: found[id_] for id_ in examined}}
         )
+        accept({id_: kept[id_] for id_ in found if id_ in kept})
         return [], counts
     changed = [
         f"  {id_}: accepted {verdict}, found {found.get(id_, 'no such claim')}"
         for id_, verdict in accepted_verdicts().items()
-        if found.get(id_) != verdict and (complete or id_ in ledger.findings)
+        if found.get(id_) != verdict and (complete or id_ in examined)
     ]
     return changed, counts

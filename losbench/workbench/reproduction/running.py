@@ -9,6 +9,7 @@ import shutil
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,14 @@ _QUIET_MACHINE = {
 
 @dataclass(frozen=True)
 class Run:
-    """One notebook of a reproduction; ``error`` names the cell and is empty where all went well."""
+    """One notebook of a reproduction; ``error`` names the cell and is empty where all went well.
+
+    ``memory_mb`` is the most that its kernel held, where the system tells it, else zero.
+    """
 
     notebook: str
     seconds: float
+    memory_mb: float = 0.0
     reused: bool = False
     error: str = ""
     products: tuple[str, ...] = ()
@@ -70,9 +75,10 @@ def run_notebook(path: Path, folder: Path, target: Path) -> Run:
     for part in ("work", "notebooks", "html"):
         (folder / part).mkdir(parents=True)
     build = target if reads_others(path.stem) else folder
+    memory_mb = 0.0
     try:
         notebook = nbformat.read(path, as_version=4)
-        error = _execute(notebook, path.name, cwd=folder / "work", build=build)
+        error, memory_mb = _execute(notebook, path.name, cwd=folder / "work", build=build)
         if not error:
             nbformat.write(notebook, folder / "notebooks" / path.name)
             html = notebook_to_html(notebook, path.stem)
@@ -81,16 +87,24 @@ def run_notebook(path: Path, folder: Path, target: Path) -> Run:
         error = f"{path.name}: {type(problem).__name__}: {problem}"
     shutil.rmtree(folder / "work")
     products = tuple(sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()))
-    return Run(path.stem, time.perf_counter() - started, error=error, products=products)
+    return Run(path.stem, time.perf_counter() - started, memory_mb, error=error, products=products)
 
 
-def _execute(notebook: Any, name: str, *, cwd: Path, build: Path) -> str:
-    """Run all cells in a fresh kernel and return what went wrong, the cell named, or nothing."""
+def _peak_mb(process: Any) -> float:
+    """Return the most memory that a process has held, which Linux tells; elsewhere zero."""
+    with suppress(OSError, AttributeError):
+        status = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8")
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+    return 0.0
+
+
+def _execute(notebook: Any, name: str, *, cwd: Path, build: Path) -> tuple[str, float]:
+    """Run all cells in a fresh kernel; return what went wrong, the cell named, and its memory."""
     from jupyter_client.manager import AsyncKernelManager
     from nbclient import NotebookClient
     from nbclient.exceptions import CellControlSignal, CellExecutionError, DeadKernelError
 
-    current: dict[str, Any] = {"id": "none", "index": -1}
+    current: dict[str, Any] = {"id": "none", "index": -1, "mb": 0.0}
     # Sockets in a temporary folder: no race for ports, nothing left behind, and a path short enough
     # for a socket.
     with tempfile.TemporaryDirectory(prefix="losbench-") as sockets:
@@ -106,6 +120,7 @@ def _execute(notebook: Any, name: str, *, cwd: Path, build: Path) -> str:
             shutdown_kernel="immediate",
             resources={"metadata": {"path": str(cwd)}},
             on_cell_start=lambda cell, cell_index: current.update(id=cell.id, index=cell_index),
+            on_cell_executed=lambda **_: current.update(mb=_peak_mb(manager.provisioner)),
         )
         environment = {
             **os.environ,
@@ -118,5 +133,6 @@ def _execute(notebook: Any, name: str, *, cwd: Path, build: Path) -> str:
         except (CellControlSignal, DeadKernelError) as problem:
             where = f"{name}, cell {current['id']!r} (number {current['index'] + 1})"
             raised = isinstance(problem, CellExecutionError)
-            return f"{where}: {f'{problem.ename}: {problem.evalue}' if raised else problem}"
-    return ""
+            said = f"{problem.ename}: {problem.evalue}" if raised else problem
+            return f"{where}: {said}", current["mb"]
+    return "", current["mb"]

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtr, ndtri
 
 from losbench.arrays import Floats
+from losbench.checks import choice
 from losbench.estimation.montecarlo import monte_carlo
 from losbench.estimation.robust import irls, lstsq
 from losbench.optics.camera import design_matrix, rotate
@@ -21,7 +23,20 @@ from losbench.units import rad_to_arcsec
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Simulation", "beam_angle_deg", "figure_1", "noise_free_readings", "two_spot_difference"]
+__all__ = [
+    "NOISE_FORMS",
+    "Simulation",
+    "beam_angle_deg",
+    "figure_1",
+    "noise_free_readings",
+    "two_spot_difference",
+]
+
+
+NOISE_FORMS = {"clipped": 1 / 3, "gaussian": 1.0, "truncated": 0.5396, "uniform": 3**-0.5}
+"""What "0.1 px, in the range +-0.1 px" may mean, with sigma over precision: a third of it,
+clipped; sigma itself; sigma, cut at +-p; anything within +-p.
+"""
 
 
 @dataclass(frozen=True)
@@ -85,7 +100,13 @@ def figure_1(setting: MonteCarlo, *, model: str = "paper", progress: bool = Fals
 
 
 def unit_noise(rng: np.random.Generator, shape: tuple[int, ...], noise: str) -> Floats:
-    """Draw noise for a precision of one: a normal sigma, or a third of it clipped at +-1."""
+    """Draw noise for a precision of one, of one of the `NOISE_FORMS`."""
+    choice("noise", noise, NOISE_FORMS)
+    if noise == "uniform":
+        return rng.uniform(-1.0, 1.0, shape)
+    if noise == "truncated":
+        # The quantile of a uniform draw between those of -1 and +1: nothing is drawn again.
+        return np.asarray(ndtri(rng.uniform(ndtr(-1.0), ndtr(1.0), shape)))
     draws = rng.standard_normal(shape)
     return np.clip(draws / 3.0, -1.0, 1.0) if noise == "clipped" else draws
 

@@ -129,6 +129,30 @@ class LayoutFit:
         return (printed - self.mean) / np.sqrt(np.diag(self.covariance + rounding))
 
     @property
+    def misfit(self) -> tuple[Floats, Floats]:
+        """Return printed less model of the fitted statistics, (8,), and its covariance."""
+        printed, rounding = table_2_statistics()
+        return (printed - self.mean)[:FITTED], (self.covariance + rounding)[:FITTED, :FITTED]
+
+    @property
+    def shape_p_value(self) -> float:
+        """Return the chance of PV over RMS as far from the model's as printed, three axes of LS."""
+        printed, rounding = table_2_statistics()
+        part = slice(FITTED, FITTED + 3)
+        rest = (printed - self.mean)[part]
+        spread = (self.covariance + rounding)[part, part]
+        return float(chdtrc(3, rest @ np.linalg.solve(spread, rest)))
+
+    def cells(self) -> tuple[Floats, Floats]:
+        """Return the model's twelve cells of Table 2 in arcseconds, and their sampling errors.
+
+        In the order LS RMS, LS PV, IRLS RMS, IRLS PV, each for alpha, beta and gamma.
+        """
+        back = np.linalg.inv(_statistics_matrix())
+        value = np.exp(back @ self.mean)
+        return value, value * np.sqrt(np.diag(back @ self.covariance @ back.T))
+
+    @property
     def gamma_factor(self) -> float:
         """Return how many times larger than printed the model's RMS of gamma is."""
         return float(np.exp(self.mean[-1] - table_2_statistics()[0][-1]))
@@ -291,7 +315,8 @@ def fit_table_2(
     correlated : bool
         Fit the distance and the correlations of A with B along x and along y too.
     start : tuple, optional
-        Middle x and y in mm and direction from B to A in degrees, in place of a search.
+        Middle x and y in mm and direction from B to A in degrees, in place of a search; with
+        ``correlated`` perhaps also the distance in mm and both correlations.
 
     Returns
     -------
@@ -312,7 +337,7 @@ def fit_table_2(
         column, scale, pixel_um=pixel_um, separation_mm=separation_mm, form=form, blocks=blocks
     )
     starts = [np.array(start)] if start else model.search()
-    if correlated:
+    if correlated and len(starts[0]) == 3:
         starts = [np.append(one, [separation_mm, 0.0, 0.0]) for one in starts]
     return min((model.fit(one) for one in starts), key=lambda fit: fit.chi2)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from losbench.arrays import Floats
 from losbench.estimation.smoothing import kalman_smooth
@@ -21,7 +22,7 @@ from losbench.units import arcsec_to_rad, rad_to_arcsec
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Drift", "figure_5", "sensitivities"]
+__all__ = ["Drift", "figure_5", "sensitivities", "sensitivity_contest"]
 
 
 @dataclass(frozen=True)
@@ -94,3 +95,54 @@ def sensitivities(
             f"{method}_rms": rad_to_arcsec(fit.rms),
         }
     return pd.DataFrame(columns, index=pd.Index(["alpha", "beta", "gamma"], name="angle"))
+
+
+def sensitivity_contest(
+    drift: Drift,
+    setting: ThermalBench,
+    *,
+    bad_share: float = 0.0,
+    bad_arcsec: float = 0.0,
+    noise_arcsec: float = 0.0,
+    seeds: int = 100,
+) -> NDArray[np.bool_]:
+    """Whether IRLS is nearer than LS to the true sensitivity on all three axes, (seeds,).
+
+    Parameters
+    ----------
+    drift, setting, bad_share, bad_arcsec
+        As for `sensitivities`; the lag is fitted once, on the clean angles.
+    noise_arcsec : float
+        Normal noise on every angle, so that seeds differ where nothing is bad.
+    seeds : int
+        How often the bad frames are drawn.
+    """
+    truth = np.array(setting.sensitivity_arcsec_per_degC).sum(axis=1)
+    clean = fit_sensitivity(
+        drift.truth.room_degC, drift.angles_rad, time_s=drift.truth.time_s, lag_s="fit", method="ls"
+    )
+    methods: tuple[Literal["ls", "irls"], ...] = ("ls", "irls")
+    nearer = []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        bad = rng.random(len(drift.angles_rad)) < bad_share
+        noise = noise_arcsec * rng.standard_normal(drift.angles_rad.shape)
+        angles = drift.angles_rad + arcsec_to_rad(bad[:, None] * bad_arcsec + noise)
+        miss = [
+            [
+                abs(
+                    fit_sensitivity(
+                        drift.truth.room_degC,
+                        angles[:, axis],
+                        time_s=drift.truth.time_s,
+                        lag_s=float(clean.lag_s[axis]),
+                        method=method,
+                    ).k_arcsec_per_degC
+                    - truth[axis]
+                )
+                for axis in range(3)
+            ]
+            for method in methods
+        ]
+        nearer.append(bool((np.array(miss[1]) < miss[0]).all()))
+    return np.array(nearer)
