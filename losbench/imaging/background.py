@@ -49,7 +49,11 @@ class Plane:
     excess_error: Floats
 
     def over(self, reach: int, dtype: DTypeLike = np.float64) -> Pixels:
-        """Plane over the middle ``2 * reach + 1`` pixels, as (M, rows, columns)."""
+        """Plane over the middle ``2 * reach + 1`` pixels, as (M, rows, columns), or (M, 1, 1) where
+        it has no slope.
+        """
+        if not self.slope.any():  # a level needs no image
+            return self.level.astype(dtype)[:, None, None]
         offset = np.arange(-reach, reach + 1)
         across = (self.slope[:, :1] * offset).astype(dtype)
         down = (self.level[:, None] + self.slope[:, 1:] * offset).astype(dtype)

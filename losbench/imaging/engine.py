@@ -46,7 +46,7 @@ class Engine:
     full_scale_dn : float
         Reading of a saturated pixel.
     rounding : float, DN squared
-        Least variance of a reading, for its rounding.
+        Least variance of a reading, for its rounding; a detector knows its own.
     """
 
     method: CentroidMethod
@@ -90,7 +90,7 @@ class Engine:
         else:
             full_scale = float(np.iinfo(stack.dtype).max) if whole else np.inf
         # More than a twelfth: with noise below half a step neighbours are rounded the same way.
-        rounding = _step(stack) ** 2 / 8.0 if whole else 0.0
+        rounding = _step(stack) ** 2 / 8.0 if whole and detector is None else 0.0
         return cls(method, background, window, ring, detector, full_scale, rounding)
 
     def measure(
