@@ -81,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="losbench",
         description=(
-            "Where a space camera really points: reproduce the papers, or measure your own frames."
+            "Where a space camera really points: replicate the papers, or measure your own frames."
         ),
     )
     parser.add_argument("--version", action="version", version=f"losbench {__version__}")
