@@ -182,8 +182,10 @@ def cases() -> Iterator[Case]:
     }
     for name, draw in wrong.items():
         floor = 0.92 if name in {"twin X", "twin Y", "twin Z"} else 0.90
-        yield Case(f"{name}, by the tests", draw, floor)
         yield Case(f"{name}, all lags", spectrum(draw), floor)
+    for name, draw in wrong.items():
+        # For comparison: one lag is taken for the law unless a test rejects it.
+        yield Case(f"{name}, one lag unless rejected", draw, 0.0)
 
 
 def judge(case: Case, runs: int, seed: int) -> str:

@@ -1,4 +1,5 @@
-"""The command line: ``losbench reproduce | measure | simulate | drift | ledger | claim``.
+"""The command line: ``losbench reproduce | measure | simulate | drift | identify | metrics | budget
+| ledger | claim``.
 
 Exit codes: 0 done; 1 a notebook failed, or a verdict is not the accepted one; 2 wrong arguments or
 unusable input, said in one line; 130 interrupted; 141 whoever reads the output has gone. A defect
@@ -16,7 +17,16 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from losbench.__about__ import __version__
-from losbench.cli import drift, ledger, measure, reproduce, simulate
+from losbench.cli import (
+    budget,
+    drift,
+    identify,
+    ledger,
+    measure,
+    metrics,
+    reproduce,
+    simulate,
+)
 
 __all__ = ["main"]
 
@@ -95,7 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     quiet.add_argument(
         "--debug", action="store_true", help="show where an error comes from, with its traceback"
     )
-    for command in (reproduce, measure, simulate, drift, ledger):
+    for command in (reproduce, measure, simulate, drift, identify, metrics, budget, ledger):
         command.add(commands, quiet)
     ledger.add_claim(commands, quiet)
     return parser

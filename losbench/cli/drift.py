@@ -68,6 +68,12 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         default=10.0,
         help="interpolate the drift between spots so far apart (%(default)s)",
     )
+    parser.add_argument(
+        "--aem",
+        nargs=5,
+        metavar=("FRAME", "HEAD1", "HEAD2", "OBJECT", "ID"),
+        help="write CCSDS AEM files too: inertial frame, frames of the heads, object and its id",
+    )
     add_dialect(parser)
     parser.set_defaults(run=_run)
 
@@ -88,6 +94,10 @@ def _run(options: argparse.Namespace) -> int:
         force=options.force,
         **dialect_options(options),
     )
+    if options.aem:
+        from losbench.telemetry.aem import write_pair
+
+        write_pair(report, options.out, frames=options.aem[:3], satellite=options.aem[3:])
     if not options.quiet:
         print(report.summary())
     return 0

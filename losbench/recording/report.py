@@ -151,8 +151,7 @@ def _sentences(fit: SensitivityFit, table: pd.DataFrame) -> list[str]:
         f"lag {minutes:.1f} min" if minutes > 0 else "no lag" for minutes in _lag_s(fit, table) / 60
     ]
     return [
-        f"Sensitivity about {axis} to {column}: {k:+.4f} arcsec/degC (95 %, if one lag describes "
-        "it: "
+        f"Sensitivity about {axis} to {column}: {k:+.4f} arcsec/degC (95 %: "
         f"{low[i]:+.4f} to {high[i]:+.4f}), {lag[i]}, {rms[i]:.4f} arcsec rms left after "
         "compensation"
         for i, (axis, k) in enumerate(zip(_AXES.values(), fit.k_arcsec_per_degC, strict=True))

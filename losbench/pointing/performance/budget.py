@@ -17,7 +17,7 @@ from losbench.parameters import read_toml
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["PointingBudget", "PointingRequirement", "PointingSource"]
+__all__ = ["PointingBudget", "PointingRequirement", "PointingSource", "read_requirements"]
 
 INDICES = ("APE", "MPE", "RPE", "PDE", "PRE")
 # What a source's parameter (its sigma, amplitude or range) counts in each index.
@@ -145,10 +145,7 @@ class PointingBudget:
             raise ValueError(
                 f"{file}: unknown table {', '.join(unknown)}; known are requirement, source"
             )
-        needs = [
-            _requirement(entry, f"{file}: requirement {i}")
-            for i, entry in enumerate(_tables(tables, "requirement", file), 1)
-        ]
+        needs = read_requirements(path)
         sources = [
             _source(entry, f"{file}: source {i}")
             for i, entry in enumerate(_tables(tables, "source", file), 1)
@@ -156,7 +153,7 @@ class PointingBudget:
         axes = {source.mean.size for source in sources} | {np.size(n.limit) for n in needs}
         if len(axes - {1}) > 1:
             raise ValueError(f"{file}: all entries must have as many axes, got {sorted(axes)}")
-        return cls(tuple(needs), tuple(sources))
+        return cls(needs, tuple(sources))
 
     @property
     def axes(self) -> int:
@@ -201,6 +198,15 @@ class PointingBudget:
                 ]
         names = ["source", "kind", "index", "axis", "mean_arcsec", "sigma_arcsec"]
         return pd.DataFrame(rows, columns=names)
+
+
+def read_requirements(path: str | Path) -> tuple[PointingRequirement, ...]:
+    """Read the ``[[requirement]]`` tables of a budget file, which need have no sources."""
+    file = Path(path).name
+    return tuple(
+        _requirement(entry, f"{file}: requirement {i}")
+        for i, entry in enumerate(_tables(read_toml(path), "requirement", file), 1)
+    )
 
 
 def _tables(holder: Mapping[str, Any], key: str, where: str) -> list[dict[str, Any]]:

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats, Indices
-from losbench.checks import choice, finite_or_nan, number, shaped
+from losbench.checks import choice, finite_or_nan, increasing, number, shaped
 from losbench.pointing.performance.budget import PointingRequirement
 from losbench.pointing.performance.intervals import chi2_interval
 from losbench.pointing.performance.percentiles import error_percentile
 from losbench.pointing.performance.record import Metric, Record
-from losbench.pointing.performance.windows import WindowStatistics, runs, window_statistics
-from losbench.pointing.thermal.network import increasing_times
+from losbench.pointing.performance.windows import WindowStatistics, window_statistics
+from losbench.series import runs
 from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
@@ -190,12 +190,14 @@ def pointing_metrics(
     (0.14, 0.98)
     """
     given = finite_or_nan("angles", angles)
-    t = increasing_times(time_s)
+    t = increasing("time_s", time_s)
     shaped("angles", given, (t.size,) if given.ndim < 2 else (t.size, "k"), why="to match time_s")
     choice("route", route, ("windows", "spectrum"))
     level = number("confidence", confidence, low=0.0, high=1.0)
     series = given.reshape(t.size, -1)
-    pieces, step_s = runs(t, series)
+    whole = np.logical_and.reduce(np.isfinite(series), axis=1)
+    pieces = runs(t, whole)
+    step_s = float(np.median(np.diff(t))) if t.size > 1 else np.nan
     samples = _samples("window_s", window_s, step_s, t, least=2)
     apart = None if separation_s is None else _samples("separation_s", separation_s, step_s, t)
     found = window_statistics(series, pieces, samples, apart) if pieces else None

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from losbench.arrays import Bools, Floats, Indices
+from losbench.arrays import Floats, Indices
 
-__all__ = ["WindowStatistics", "runs", "window_statistics"]
+__all__ = ["WindowStatistics", "window_statistics"]
 
 _OVERLAP = 8  # windows start every eighth of their length
 _ELEMENTS = 2**16  # worked on at once: few enough to stay in the processor's cache
-_LONGEST_STEP = 1.5  # median steps; beyond them stands a gap
 
 
 @dataclass(frozen=True)
@@ -29,17 +28,6 @@ class WindowStatistics:
     smear: Floats
     jitter: Floats
     pde: Floats
-
-
-def runs(time_s: Floats, series: Floats) -> tuple[list[slice], float]:
-    """Pieces of a record (n,), (n, k) without gap or missing sample, and its median step."""
-    step_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else np.nan
-    whole: Bools = np.logical_and.reduce(np.isfinite(series), axis=1)
-    joined = np.zeros(time_s.size + 1, dtype=bool)
-    joined[1:-1] = whole[1:] & whole[:-1] & (np.diff(time_s) <= _LONGEST_STEP * step_s)
-    starts = np.flatnonzero(~joined[:-1] & whole)
-    ends = np.flatnonzero(whole & ~joined[1:]) + 1
-    return [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)], step_s
 
 
 def window_statistics(

@@ -82,7 +82,7 @@ def fit_axis(
     rich = np.column_stack([kept.law, kept.more])
     rich_noise = Noise() if white else fit_noise(rich, kept.y, kept.time_s)
     if perfect or not design.lags:
-        tests = LackOfFit(np.nan, 1.0)
+        tests = LackOfFit(np.nan, np.nan)
     else:
         tests = lack_of_fit(kept.law, kept.more, kept.y, kept.time_s, rich_noise)
     asked = any(isinstance(t, Lagged) and t.tau_s == "spectrum" for t in design.model.terms)

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats
-from losbench.checks import finite_or_nan, shaped
+from losbench.checks import finite_or_nan, increasing, shaped
 from losbench.pointing.thermal.lag import lagged
-from losbench.pointing.thermal.network import increasing_times
 from losbench.pointing.thermal.terms import Adds, Difference, Lagged, Linear, Model, Product, Trend
 
 __all__ = ["Design", "bind", "read_series"]
@@ -119,7 +118,7 @@ def bind(
     """
     if not isinstance(model, Adds):
         raise ValueError(f"model must be a sum of terms of lb.terms, got {model!r}")
-    t = increasing_times(time_s)
+    t = increasing("time_s", time_s)
     whole = model if isinstance(model, Model) else Model((model,))
     if len(set(whole.labels)) < len(whole.labels):
         twice = next(name for name in whole.labels if whole.labels.count(name) > 1)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
-from losbench.checks import finite, non_negative, positive, shaped
+from losbench.checks import finite, increasing, non_negative, positive, shaped
 from losbench.units import arcsec_to_rad
 
 __all__ = ["ThermalNetwork", "thermoelastic_tilt"]
@@ -111,7 +111,7 @@ class ThermalNetwork:
         ValueError
             If times do not increase or a shape does not fit.
         """
-        t, room = increasing_times(time_s), finite("room_degC", room_degC)
+        t, room = increasing("time_s", time_s), finite("room_degC", room_degC)
         shaped("room_degC", room, (t.size,), why="to match time_s")
         start = (
             room[:1]
@@ -197,11 +197,3 @@ def thermoelastic_tilt(
     if reference.ndim:
         shaped("reference_degC", reference, (nodes,), why=f"to match {nodes} nodes")
     return arcsec_to_rad((temperature - finite("reference_degC", reference)) @ matrix.T)
-
-
-def increasing_times(time_s: ArrayLike) -> Floats:
-    """Return ``time_s`` as a float array of increasing times, or raise ``ValueError``."""
-    t = finite("time_s", time_s, ndim=1)
-    if (np.diff(t) <= 0).any():
-        raise ValueError(f"time_s must increase, got a step of {np.diff(t).min():g} s")
-    return t

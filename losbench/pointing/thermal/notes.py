@@ -38,8 +38,12 @@ def _sentences(axis: AxisFit, design: Design) -> list[str]:
     tests = axis.lack_of_fit
     if tests.rejects:
         lines.append(
-            f"one lag does not describe it (F test of more lags p = {tests.f_p_value:.2g}, von "
-            f"Neumann p = {tests.neumann_p_value:.2g})"
+            f"one lag does not describe it (F test of more lags: p = {tests.f_p_value:.2g}"
+            + (
+                f"; von Neumann's ratio: p = {tests.neumann_p_value:.2g})"
+                if tests.neumann_p_value == tests.neumann_p_value
+                else ")"
+            )
             + (
                 ": sensitivities to lagged sensors are sums over all lags"
                 if axis.law == "all lags"

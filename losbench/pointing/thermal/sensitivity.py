@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats
-from losbench.checks import boolean, choice, finite_or_nan, number, positive, shaped
+from losbench.checks import boolean, choice, finite_or_nan, increasing, number, positive, shaped
 from losbench.estimation.losses import Huber, Loss
 from losbench.estimation.robust.scales import Scale
 from losbench.estimation.solvers import IRLS, LeastSquares, Solver
 from losbench.pointing.thermal.axis import fit_axis
 from losbench.pointing.thermal.design import Design, bind
 from losbench.pointing.thermal.lag import lagged
-from losbench.pointing.thermal.network import increasing_times
 from losbench.pointing.thermal.terms import Lagged, Linear, Offset
 from losbench.units import rad_to_arcsec
 
@@ -239,7 +238,7 @@ def _times(time_s: ArrayLike | None, temperature: Floats, *, needed: bool) -> Fl
         if needed:
             raise ValueError("time_s must be given with a lag")
         return None
-    time = increasing_times(time_s)
+    time = increasing("time_s", time_s)
     shaped("time_s", time, temperature.shape, why="to match temperature_degC")
     return time
 

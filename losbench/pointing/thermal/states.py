@@ -39,7 +39,8 @@ class LackOfFit:
     f_p_value : float
         Of an F test: do lags beside the fitted one explain more? NaN without a fitted lag.
     neumann_p_value : float
-        Of von Neumann's ratio of what the noise model leaves: is it smooth?
+        Of von Neumann's ratio of what the law leaves: is it smooth? NaN under errors with memory,
+        which are.
     """
 
     f_p_value: float
@@ -48,7 +49,8 @@ class LackOfFit:
     @property
     def rejects(self) -> bool:
         """Whether either rejects the law at 5 % in all."""
-        return bool(min(self.f_p_value, 1.0) < 0.025 or self.neumann_p_value < 0.025)
+        told = [p for p in (self.f_p_value, self.neumann_p_value) if p == p]
+        return any(p < 0.05 / len(told) for p in told)
 
 
 def lack_of_fit(law: Floats, more: Floats, y: Floats, time_s: Floats, noise: Noise) -> LackOfFit:
@@ -69,7 +71,7 @@ def lack_of_fit(law: Floats, more: Floats, y: Floats, time_s: Floats, noise: Noi
     change = float(np.sum(np.diff(left) ** 2) / np.sum(left**2)) if (left != 0).any() else 2.0
     # Ratio 2 for white residuals, with a variance of 4 (n - 2) / (n^2 - 1).
     neumann = float(ndtr((change - 2.0) / np.sqrt(4.0 * (n - 2) / (n**2 - 1))))
-    return LackOfFit(f, neumann if noise.tau_s <= 0.0 else 1.0)
+    return LackOfFit(f, neumann if noise.tau_s <= 0.0 else np.nan)
 
 
 def _left(gram: Floats, p: int, y: int) -> tuple[float, int]:
