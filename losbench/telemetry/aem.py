@@ -137,6 +137,8 @@ def write_pair(
     telemetry = report.telemetry
     if telemetry.start is None:
         raise ValueError("an attitude message needs times in UTC, but the telemetry has seconds")
+    if report.pair is None:
+        raise ValueError("an attitude message needs corrected attitudes: no spots tell of a drift")
     names = ("corrected-1.aem", "corrected-2.aem")
     for k, name in enumerate(names):
         read = Attitudes.read(report.pair.quaternions[k], telemetry.pair.convention)

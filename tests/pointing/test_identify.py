@@ -272,7 +272,7 @@ def test_a_wrong_law_is_told():
     run = warm_up(ThermalBench(), time_s=t)
     noise = arcsec_to_rad(0.02 * np.random.default_rng(9).standard_normal(t.size))
     found = lb.identify(
-        Offset() + Lagged("room"), run.angles_rad[:, 0] + noise, {"room": run.room_degC}, t
+        Offset() + Lagged("room"), run.angles_rad[:, 1] + noise, {"room": run.room_degC}, t
     )
     assert found.lack_of_fit[0].rejects
     assert str(found.law) == "all lags"
@@ -358,3 +358,17 @@ Y = arcsec_to_rad(CLEAN)
 def test_bad_input_to_an_identification_is_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_a_series_that_was_smoothed_is_thinned_and_keeps_its_interval_about_the_truth():
+    rng = np.random.default_rng(11)
+    kernel = np.hanning(61) / np.hanning(61).sum()
+    noise = 0.5 * np.convolve(rng.standard_normal(860), kernel, mode="valid")
+    y = lagged(ONE, T, 1500.0) + noise
+    found = lb.identify(Offset() + Lagged("T1", tau_s="spectrum"), arcsec_to_rad(y), SENSORS, T)
+    assert any("smoother than noise" in note for note in found.notes)
+    assert found.interval[0, 0] < 1.0 < found.interval[0, 1]
+    white = lb.identify(
+        Offset() + Linear("T2"), arcsec_to_rad(rng.standard_normal(800)), SENSORS, T
+    )
+    assert not any("smoother" in note for note in white.notes)

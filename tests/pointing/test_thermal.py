@@ -113,7 +113,7 @@ def test_tilt_is_linear_in_each_node():
         ),
         (
             lambda: CAMERA_NODES.simulate([0.0, 0.0], [1.0, 1.0]),
-            "time_s must increase, got a step of 0 s",
+            "time_s must increase, but sample 1 at 0 s equals the one before it",
         ),
         (
             lambda: CAMERA_NODES.simulate([0.0, 1.0], [1.0]),

@@ -24,7 +24,9 @@ __all__ = ["AxisFit", "fit_axis"]
 _REJECTED = 4.0  # robust sigmas
 _RICH = 5  # lags beside the law, for the noise and the F test
 _BANK = 24  # lags of the ridge, beside no lag
-_PROFILE = 40
+_PROFILE = 30
+_SMOOTH = 0.15  # correlation of neighbouring steps of the errors
+_FEWEST_THINNED = 40
 _PERFECT = 1e-11  # of the largest angle: residuals so small hold no noise
 _YEAR_S = 31_557_600.0
 
@@ -51,6 +53,7 @@ class AxisFit:
     lack_of_fit: LackOfFit
     converged: bool
     omitted: tuple[str, ...]
+    thinned: int
 
 
 @dataclass(frozen=True)
@@ -75,25 +78,29 @@ def fit_axis(
     """Identify one axis (n,)."""
     point = fit_point(design, y, solver)
     every = _kept(design, point, y, np.ones(point.rows.size, dtype=bool))
-    off = _outliers(every, point, solver)
-    kept = _kept(design, point, y, ~off)
+    off, left = _outliers(every, point, solver)
     perfect = float(point.fit.scale) <= _PERFECT * float(np.abs(y[point.rows]).max())
     white = errors == "white" or perfect
+    thinned = 1 if white else _thinning(left[~off], 2 * every.law.shape[1])
+    chosen = np.zeros(off.size, dtype=bool)
+    chosen[np.flatnonzero(~off)[::thinned]] = True
+    kept = _kept(design, point, y, chosen)
     rich = np.column_stack([kept.law, kept.more])
-    rich_noise = Noise() if white else fit_noise(rich, kept.y, kept.time_s)
+    noise = Noise() if white else fit_noise(kept.law, kept.y, kept.time_s)
     if perfect or not design.lags:
         tests = LackOfFit(np.nan, np.nan)
     else:
-        tests = lack_of_fit(kept.law, kept.more, kept.y, kept.time_s, rich_noise)
+        tests = lack_of_fit(kept.law, kept.more, kept.y, kept.time_s, noise)
     asked = any(isinstance(t, Lagged) and t.tau_s == "spectrum" for t in design.model.terms)
     all_lags = bool(design.lags) and (tests.rejects or asked) and _linear(design)
-    noise = rich_noise
-    if not all_lags and kept.more.shape[1] and not white:
-        noise = fit_noise(kept.law, kept.y, kept.time_s)
+    if all_lags and not white:
+        # What a wrong law leaves is not noise: a law with more lags tells what is.
+        noise = fit_noise(rich, kept.y, kept.time_s)
     fit = law = generalised(kept.law, kept.y, kept.time_s, noise)
     states, tau, tau_interval = _lags(design, point, y, off, law, level)
     if all_lags:
-        fit = generalised(rich, kept.y, kept.time_s, noise)
+        others = len(design.sensitive()) > len(design.lags)
+        fit = generalised(rich, kept.y, kept.time_s, noise, freedom=others)
     sensitivity, interval, dof = _sensitivities(design, kept, fit, noise, level, all_lags, states)
     residuals, weights = np.full(y.size, np.nan), np.zeros(y.size)
     residuals[point.rows], weights[point.rows] = -point.fit.residuals, point.fit.weights
@@ -118,22 +125,39 @@ def fit_axis(
         vif=vif,
         lack_of_fit=tests,
         converged=point.converged,
+        thinned=thinned,
         omitted=() if perfect else _omitted(design, kept, fit, noise, sensors),
     )
 
 
-def _outliers(every: _Kept, point: PointFit, solver: Solver) -> Bools:
-    """Samples beyond four robust sigma.
+def _outliers(every: _Kept, point: PointFit, solver: Solver) -> tuple[Bools, Floats]:
+    """Samples beyond four robust sigma, and the residuals that tell.
 
     About a law with more lags than the model's: what a wrong law leaves is no outlier.
     """
-    if isinstance(solver, LeastSquares):
-        return np.zeros(point.rows.size, dtype=bool)
     fit = point.fit
     rich = np.column_stack([every.law, every.more])
     if every.more.shape[1] and every.y.size > 2 * rich.shape[1]:
         fit = as_part(solver).fit(rich, every.y)  # lags too alike to be told apart do no harm here
-    return np.asarray(np.abs(fit.residuals) > _REJECTED * fit.scale)
+    far = np.abs(fit.residuals) > _REJECTED * fit.scale
+    return np.asarray(far & (not isinstance(solver, LeastSquares))), fit.residuals
+
+
+def _thinning(residuals: Floats, fewest: int) -> int:
+    """Take every so many-th sample, for errors that are smoother than the noise model knows.
+
+    Steps of an Ornstein-Uhlenbeck process are uncorrelated and those of white noise negatively so;
+    of a series that a smoother has been over they are alike. Every sample of it would then count as
+    news, and lags with huge gains of either sign would explain it all.
+    """
+    step = 1
+    while residuals.size // (2 * step) >= max(fewest, _FEWEST_THINNED):
+        change = np.diff(residuals[::step])
+        total = float(change @ change)
+        if total <= 0 or float(change[1:] @ change[:-1]) <= _SMOOTH * total:
+            break
+        step *= 2
+    return step
 
 
 def _kept(design: Design, point: PointFit, y: Floats, kept: Bools) -> _Kept:
@@ -201,7 +225,7 @@ def _sensitivities(
     """Radians per degree with interval and degrees of freedom, for every sensitive column."""
     columns = list(design.sensitive())
     value, sigma, dof = fit.x[columns], fit.sigma[columns], fit.dof[columns]
-    starts = [place.start for place in design.places()]
+    starts = [place.start for place in design.places]
     if all_lags:
         taus = np.r_[0.0, lag_grid(design.time_s, _BANK)]
         bank = np.concatenate(

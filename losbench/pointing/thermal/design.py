@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from losbench.pointing.thermal.terms import Adds, Difference, Lagged, Linear, Mo
 
 __all__ = ["Design", "bind", "read_series"]
 
+_REMEMBERED = 128  # columns
 _NUDGE = 1e-3  # in the logarithm of a lag, for its derivative
 _CONSTANT = 1e-9  # of the greatest size: a smaller spread of a sensor is none
 
@@ -41,8 +43,9 @@ class Design:
     reference: Mapping[str, float]
     time_s: Floats
     known: Bools
+    recent: dict[tuple[int, float], Floats] = field(default_factory=dict, repr=False)
 
-    @property
+    @cached_property
     def lags(self) -> tuple[tuple[int, str], ...]:
         """Term and sensor of each lag that is to be fitted."""
         return tuple(
@@ -54,16 +57,23 @@ class Design:
 
     def matrix(self, tau_s: Floats) -> Floats:
         """All columns (n, p) for lags (l,)."""
-        parts, at = [], 0
-        for term in self.model.terms:
-            if isinstance(term, Lagged) and term.free:
-                own = tau_s[at : at + len(term.names)]
-                at += len(term.names)
-                parts.append(term.columns(self.sensors, self.time_s, own))
-            else:
-                parts.append(term.columns(self.sensors, self.time_s))
+        matrix = self.fixed.copy()
+        for i, (place, tau) in enumerate(zip(self.places, tau_s, strict=True)):
+            matrix[:, place] = self.lagged(i, tau)
+        return matrix
+
+    @cached_property
+    def fixed(self) -> Floats:
+        """All columns (n, p), those of fitted lags left zero."""
+        parts = [
+            np.zeros((self.time_s.size, len(term.labels)))
+            if isinstance(term, Lagged) and term.free
+            else term.columns(self.sensors, self.time_s)
+            for term in self.model.terms
+        ]
         return np.concatenate(parts, axis=1)
 
+    @cached_property
     def places(self) -> tuple[slice, ...]:
         """Where in the matrix each fitted lag has its columns."""
         found, at = [], 0
@@ -78,11 +88,18 @@ class Design:
         return tuple(found)
 
     def lagged(self, lag: int, tau_s: float) -> Floats:
-        """Columns (n, degree) of one fitted lag."""
-        i, name = self.lags[lag]
-        degree: int = self.model.terms[i].degree
-        behind = lagged(self.sensors[name], self.time_s, tau_s)
-        return behind[:, None] ** np.arange(1, degree + 1)
+        """Columns (n, degree) of one fitted lag; the last few are remembered, for folds and solves
+        come back to them.
+        """
+        key = lag, float(tau_s)
+        if key not in self.recent:
+            if len(self.recent) >= _REMEMBERED:
+                del self.recent[next(iter(self.recent))]
+            i, name = self.lags[lag]
+            degree: int = self.model.terms[i].degree
+            behind = lagged(self.sensors[name], self.time_s, tau_s)
+            self.recent[key] = behind[:, None] ** np.arange(1, degree + 1)
+        return self.recent[key]
 
     def slopes(self, tau_s: Floats, x: Floats) -> Floats:
         """Derivatives (n, l) of the angle in the logarithm of each fitted lag."""
@@ -90,7 +107,7 @@ class Design:
             (self.lagged(i, tau * np.exp(_NUDGE)) - self.lagged(i, tau * np.exp(-_NUDGE)))
             @ x[place]
             / (2.0 * _NUDGE)
-            for i, (tau, place) in enumerate(zip(tau_s, self.places(), strict=True))
+            for i, (tau, place) in enumerate(zip(tau_s, self.places, strict=True))
         ]
         return np.stack(slopes, axis=1) if slopes else np.empty((self.time_s.size, 0))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dtbtrs
 
 from losbench.arrays import Floats
 
@@ -21,9 +21,9 @@ def lagged(temperature: Floats, time_s: Floats, tau_s: float) -> Floats:
     step = np.diff(time_s)
     right = np.zeros(temperature.size)
     right[1:] = np.diff(temperature) / step * tau_s * np.expm1(-step / tau_s)
-    bands = np.ones((2, temperature.size))
+    bands = np.ones((2, temperature.size), order="F")
     bands[1, :-1] = -np.exp(-step / tau_s)
-    behind: Floats = solve_banded((1, 0), bands, right, check_finite=False)
+    behind: Floats = dtbtrs(bands, right, uplo="L", diag="U")[0]
     return temperature + behind
 
 

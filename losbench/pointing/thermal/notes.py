@@ -59,6 +59,11 @@ def _sentences(axis: AxisFit, design: Design) -> list[str]:
             f"{labels[worst]} inflated {axis.vif[worst]:.3g} times): read single sensitivities "
             "with care, predictions are safe"
         )
+    if axis.thinned > 1:
+        lines.append(
+            f"the errors are smoother than noise, as of a series that was smoothed: one of "
+            f"{axis.thinned} samples enters the intervals"
+        )
     rejected = int(axis.rejected.sum())
     if rejected:
         used = int(np.isfinite(axis.residuals).sum())

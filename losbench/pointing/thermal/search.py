@@ -18,7 +18,7 @@ _GRID = 12  # lags tried for each sensor
 _SWEEPS = 2
 _ROUNDS, _STEPS = 12, 8
 _LONGEST_STEP = 0.7  # in the logarithm of a lag
-_SETTLED = 1e-7
+_SETTLED = 1e-6
 _SHORTEST = 0.1  # median steps
 _LEAST_LEFT = 1e-13  # share of the sum of squares, below which a fit is perfect
 
@@ -80,7 +80,7 @@ def profile(
 
 def _left_over(design: Design, tau: Floats, lag: int, y: Floats, rows: Indices, weights: Floats):  # type: ignore[no-untyped-def]
     """Function of one lag's columns (m, d): the sum of squares that a fit with them leaves."""
-    place = design.places()[lag]
+    place = design.places[lag]
     matrix = design.matrix(tau)[rows]
     root = np.sqrt(weights)
     base = np.delete(matrix, np.r_[place], axis=1) * root[:, None]
@@ -112,7 +112,7 @@ def _gauss_newton(
     def solve(at: Floats) -> tuple[Floats, float]:
         matrix = design.matrix(at)[rows] * root[:, None]
         unit = np.linalg.norm(matrix, axis=0)
-        x = np.linalg.lstsq(matrix / unit, right)[0] / unit
+        x = _solve(matrix / unit, right) / unit
         return x, float(np.sum((right - matrix @ x) ** 2))
 
     x, cost = solve(tau)
@@ -123,7 +123,7 @@ def _gauss_newton(
         both = np.column_stack([design.matrix(tau)[rows] * root[:, None], slopes])
         unit = np.linalg.norm(both, axis=0)
         unit[unit == 0.0] = 1.0
-        step = (np.linalg.lstsq(both / unit, right)[0] / unit)[-tau.size :]
+        step = (_solve(both / unit, right) / unit)[-tau.size :]
         step = np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
         for _ in range(6):
             new = np.exp(np.clip(np.log(tau) + step, *limits))
@@ -138,3 +138,10 @@ def _gauss_newton(
         if moved < _SETTLED:
             break
     return tau
+
+
+def _solve(A: Floats, y: Floats) -> Floats:
+    """Least squares through the small triangle: columns of a search may be all but parallel."""
+    q, r = np.linalg.qr(A)
+    x: Floats = np.linalg.lstsq(r, q.T @ y, rcond=1e-13)[0]
+    return x

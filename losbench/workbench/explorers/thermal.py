@@ -71,7 +71,7 @@ def warm_up_and_fits(
     fits = {
         "IRLS": lb.fit_sensitivity(run.room_degC, angles, time_s=when, lag_s=lag_s),
         "least squares": lb.fit_sensitivity(
-            run.room_degC, angles, time_s=when, lag_s=lag_s, method="ls"
+            run.room_degC, angles, time_s=when, lag_s=lag_s, method="ls", errors="white"
         ),
     }
     return {"bench": bench, "run": run, "angles": angles, "fits": fits}
@@ -168,6 +168,8 @@ class ThermalExplorer(Explorer):
         self._show(run, rad_to_arcsec(seen["angles"]), *laws)
         rows = {
             "sensitivity, IRLS X · Y · Z (″/°C)": robust.k_arcsec_per_degC,
+            "… 95 % from": robust.k_interval_arcsec_per_degC[:, 0],
+            "… to": robust.k_interval_arcsec_per_degC[:, 1],
             "… least squares": plain.k_arcsec_per_degC,
             "… at rest, all nodes as warm as the room": np.sum(
                 bench.sensitivity_arcsec_per_degC, axis=1
