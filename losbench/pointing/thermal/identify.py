@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats
 from losbench.checks import choice, number
-from losbench.estimation.solvers import Solver, read_solver
+from losbench.estimation.solvers import Solver, as_part, read_solver
 from losbench.pointing.thermal.axis import AxisFit, fit_axis
 from losbench.pointing.thermal.correlated import Noise
 from losbench.pointing.thermal.design import Design, bind, read_series
@@ -184,7 +184,7 @@ def identify(
     series = read_series(angles, design.time_s.size)
     choice("errors", errors, ("ou+white", "white"))
     level = number("confidence", confidence, low=0.0, high=1.0)
-    chosen = read_solver(solver, None, default="irls")
+    chosen = as_part(read_solver(solver, None, default="irls"))
     axes = [fit_axis(design, column, chosen, errors, level, sensors) for column in series.T]
     failed = sum(not axis.converged for axis in axes)
     if failed:

@@ -13,7 +13,7 @@ from losbench.arrays import Bools, Floats
 from losbench.checks import boolean, choice, finite_or_nan, increasing, number, positive, shaped
 from losbench.estimation.losses import Huber, Loss
 from losbench.estimation.robust.scales import Scale
-from losbench.estimation.solvers import IRLS, LeastSquares, Solver
+from losbench.estimation.solvers import IRLS, LeastSquares, Solver, as_part
 from losbench.pointing.thermal.axis import fit_axis
 from losbench.pointing.thermal.design import Design, bind
 from losbench.pointing.thermal.lag import lagged
@@ -195,7 +195,7 @@ def fit_sensitivity(
     clock = np.arange(float(temperature.size)) if time is None else time
     design = bind(Offset() + term, {_NAME: temperature}, clock)
     fits = [
-        _fit(design, column, solver, errors, level, lag)
+        _fit(design, column, as_part(solver), errors, level, lag)
         for column in series.reshape(temperature.size, -1).T
     ]
     failed = sum(not fit.converged for fit in fits)
