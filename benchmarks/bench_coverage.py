@@ -1,4 +1,4 @@
-"""How often intervals of sensitivities and pointing metrics hold the truth, and how wide they are.
+"""How often intervals of sensitivities and of pointing metrics hold the truth, and how wide they are.
 
 Not a race: `--runs 400` is the full table, the default is a quick look. Seeds were fixed before the
 first look; a row is judged against its floor less three sampling errors.
@@ -19,6 +19,7 @@ from scipy.signal import lfilter  # noqa: E402
 
 import losbench as lb  # noqa: E402
 from losbench.papers.liu2026 import ThermalBench, warm_up  # noqa: E402
+from losbench.pointing.performance.spectrum import weights  # noqa: E402
 from losbench.pointing.thermal.lag import lagged  # noqa: E402
 from losbench.units import arcsec_to_rad, rad_to_arcsec  # noqa: E402
 
@@ -213,6 +214,44 @@ def judge(case: Case, runs: int, seed: int) -> str:
     )
 
 
+METRICS = ("ape", "mpe", "rpe", "smear", "jitter", "pde")
+
+
+def metric_cases():
+    """Records of 16 384 samples at 10 Hz, and the power of each sample's spectrum by frequency."""
+
+    def process(tau_s):
+        a = np.exp(-0.1 / tau_s) if tau_s else 0.0
+        long = 4000
+        return (
+            lambda rng: lfilter([np.sqrt(1 - a * a)], [1, -a], rng.standard_normal(16_384 + long))[
+                -16_384:
+            ],
+            lambda f: 0.2 * (1 - a * a) / np.abs(1 - a * np.exp(-0.2j * np.pi * f)) ** 2,
+        )
+
+    heavy = lambda rng: rng.standard_t(5, 16_384) / np.sqrt(5 / 3)  # noqa: E731
+    yield "metrics, white", *process(0.0)
+    yield "metrics, memory 2 s", *process(2.0)
+    yield "metrics, memory 30 s", *process(30.0)
+    yield "metrics, heavy tails", heavy, process(0.0)[1]
+
+
+def judge_metrics(name, draw, density, runs: int, seed: int) -> str:
+    """Coverage of six metrics, windows of 5 s, 25 s apart; the truth is the spectrum's integral."""
+    frequency = np.linspace(0.0, 5.0, 400_001)
+    table = weights(frequency, 0.1, 50, 250)
+    truth = np.sqrt([np.trapezoid(density(frequency) * table[m], frequency) for m in METRICS])
+    rng, t, hits = np.random.default_rng(seed), 0.1 * np.arange(16_384), []
+    for _ in range(runs):
+        found = lb.pointing_metrics(draw(rng), t, 5.0, 25.0)
+        low, high = np.transpose([getattr(found, m).interval for m in METRICS])
+        hits.append((low <= truth) & (truth <= high))
+    share = np.mean(hits, axis=0)
+    ok = (share >= 0.92 - 3.0 * np.sqrt(0.95 * 0.05 / runs)).all()
+    return f"{name:44s} {' '.join(f'{v:.3f}' for v in share)}  {'ok' if ok else 'MISSED'}"
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--runs", type=int, default=20)
@@ -222,6 +261,11 @@ if __name__ == "__main__":
     for place, case in enumerate(cases()):
         if options.only in case.name:
             line = judge(case, options.runs, SEED + place)
+            missed |= line.endswith("MISSED")
+            print(line, flush=True)
+    for place, (name, draw, density) in enumerate(metric_cases()):
+        if options.only in name:
+            line = judge_metrics(name, draw, density, options.runs, SEED + 100 + place)
             missed |= line.endswith("MISSED")
             print(line, flush=True)
     sys.exit(missed)
