@@ -11,7 +11,13 @@ from scipy.special import stdtrit
 
 from losbench.arrays import Bools, Floats, Indices
 from losbench.estimation.solvers import LeastSquares, Solver, as_part
-from losbench.pointing.thermal.correlated import CorrelatedFit, Noise, fit_noise, generalised
+from losbench.pointing.thermal.correlated import (
+    CorrelatedFit,
+    Noise,
+    fit_noise,
+    generalised,
+    has_memory,
+)
 from losbench.pointing.thermal.design import Design
 from losbench.pointing.thermal.lag import lag_grid, lagged
 from losbench.pointing.thermal.ridge import ridge_sums
@@ -86,16 +92,22 @@ def fit_axis(
     chosen[np.flatnonzero(~off)[::thinned]] = True
     kept = _kept(design, point, y, chosen)
     rich = np.column_stack([kept.law, kept.more])
-    noise = Noise() if white else fit_noise(kept.law, kept.y, kept.time_s)
+    rich_noise = noise = Noise()
+    if design.lags and not white:
+        rich_noise = fit_noise(rich, kept.y, kept.time_s)
+    # Where more lags than the law's leave white noise, the law is tested under that.
+    if not white and (not design.lags or has_memory(rich, kept.y, kept.time_s, rich_noise)):
+        noise = fit_noise(kept.law, kept.y, kept.time_s)
     if perfect or not design.lags:
         tests = LackOfFit(np.nan, np.nan)
     else:
         tests = lack_of_fit(kept.law, kept.more, kept.y, kept.time_s, noise)
     asked = any(isinstance(t, Lagged) and t.tau_s == "spectrum" for t in design.model.terms)
     all_lags = bool(design.lags) and (tests.rejects or asked) and _linear(design)
-    if all_lags and not white:
-        # What a wrong law leaves is not noise: a law with more lags tells what is.
-        noise = fit_noise(rich, kept.y, kept.time_s)
+    if all_lags:
+        noise = rich_noise  # what a wrong law leaves is not noise: more lags tell what is
+    elif not white and noise.tau_s <= 0.0:
+        noise = fit_noise(kept.law, kept.y, kept.time_s)
     fit = law = generalised(kept.law, kept.y, kept.time_s, noise)
     states, tau, tau_interval = _lags(design, point, y, off, law, level)
     if all_lags:

@@ -54,7 +54,7 @@ class LackOfFit:
 
 
 def lack_of_fit(law: Floats, more: Floats, y: Floats, time_s: Floats, noise: Noise) -> LackOfFit:
-    """Test a law (n, p) against lags beside it (n, m), under the noise that the law left.
+    """Test a law (n, p) against lags beside it (n, m), under white noise or what it left.
 
     Under the noise that more lags leave, the test would reject a right law with slow errors in one
     of five records instead of one of twenty.
