@@ -19,7 +19,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 SEED ?= 10
 COUNT ?= 200
 
-.PHONY: help reproduce test test-floor mutants lab bench compare soak lock clean
+.PHONY: help reproduce test test-floor mutants lab bench compare soak fuzz lock clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do printf '  make %-11s %s\n' "$$name" "$$text"; done
@@ -50,6 +50,9 @@ compare: $(BENCH_READY)  ## the benches of two commits in turns, five rounds (OL
 
 soak: $(READY)  ## ten minutes of random slider moves over all explorers
 	$(RUN)/python benchmarks/soak_explorers.py
+
+fuzz: $(READY)  ## ten thousand damaged files at every door: read, or refused in one line
+	$(ONE_THREAD) $(RUN)/python benchmarks/fuzz.py
 
 lock:  ## renew the locks from pyproject.toml (needs uv)
 	@test -n "$(UV)" || { echo "make lock needs uv: https://docs.astral.sh/uv/"; exit 1; }

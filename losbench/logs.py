@@ -232,9 +232,9 @@ def read_temperature_log(
         Standard name to the file's own: ``{"time_s": "t", "temperature_degC": "Room (C)"}``; also
         ``time``, ``date``.
     **options
-        What the file does not tell: ``delimiter``, ``encoding``, ``date_order`` ("dmy", "mdy"),
-        ``utc_offset`` (hours, or a zone as "Europe/Berlin"), ``sentinel`` (numbers that stand for
-        none), ``unit`` (``{"T1": "degF"}``).
+        What the file does not tell: ``delimiter``, ``decimal`` ("," or "."), ``encoding``,
+        ``date_order`` ("dmy", "mdy"), ``utc_offset`` (hours, or a zone as "Europe/Berlin"),
+        ``sentinel`` (numbers that stand for none), ``unit`` (``{"T1": "degF"}``).
 
     Returns
     -------

@@ -28,7 +28,7 @@ from losbench.cli import (
     simulate,
 )
 
-__all__ = ["main"]
+__all__ = ["is_for_the_user", "main"]
 
 _RAISE = dis.opmap["RAISE_VARARGS"]
 
@@ -52,13 +52,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(said, "interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        if options.debug or not _is_for_the_user(error):
+        if options.debug or not is_for_the_user(error):
             raise
         print(said, _in_one_line(str(error)) or type(error).__name__, file=sys.stderr)
         return 2
 
 
-def _is_for_the_user(error: Exception) -> bool:
+def is_for_the_user(error: Exception) -> bool:
     """Whether an error tells of an argument, a file or the machine, and not of losbench itself: of
     errors of value only those that a check of losbench raised, by a ``raise`` of its own.
     """

@@ -17,6 +17,7 @@ def add_dialect(parser: argparse.ArgumentParser) -> None:
     """Add the options that say how CSV files are written, where they leave it open."""
     group = parser.add_argument_group("how the CSV files are written, where they leave it open")
     group.add_argument("--delimiter", metavar="C", help="one character, tab or space")
+    group.add_argument("--decimal", choices=[",", "."], help="what 18,000 means")
     group.add_argument("--encoding", metavar="NAME", help="e.g. gbk")
     group.add_argument(
         "--date-order", choices=["dmy", "mdy", "ymd"], help="how 03/04/2026 is meant"
@@ -47,6 +48,7 @@ def dialect_options(options: argparse.Namespace) -> DialectOptions:
     """Return what `add_dialect` took as the keywords of a reading function."""
     return {
         "delimiter": options.delimiter,
+        "decimal": options.decimal,
         "encoding": options.encoding,
         "date_order": options.date_order,
         "utc_offset": options.utc_offset,

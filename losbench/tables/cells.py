@@ -94,7 +94,7 @@ def parse_numbers(cells: Sequence[str], *, comma: bool | None) -> Floats:
             raise BadCell(k, _why(cell))
         values[k] = float(plain)
         if np.isinf(values[k]):
-            raise BadCell(k, f"must hold numbers, got {cell!r}, too large for one")
+            raise BadCell(k, f"must hold numbers, got {_shown(cell)}, too large for one")
     return values
 
 
@@ -102,8 +102,11 @@ def _why(cell: str) -> str:
     text = cell.strip()
     if _THOUSANDS.fullmatch(text) or ("," in text and "." in text and _NUMBER.fullmatch(text)):
         return (
-            f"has {text!r}, whose comma may be a decimal one or part thousands: write it without "
-            "marks for thousands"
+            f"has {text!r}, whose comma may be a decimal one or part thousands: say decimal=',' "
+            "(--decimal ,) or write it without marks for thousands"
         )
-    shown = text if len(text) <= 40 else text[:40] + "..."
-    return f"must hold numbers, got {shown!r}"
+    return f"must hold numbers, got {_shown(text)}"
+
+
+def _shown(text: str) -> str:
+    return repr(text if len(text) <= 40 else text[:40] + "...")

@@ -20,6 +20,7 @@ class DialectOptions(TypedDict, total=False):
     """The parameters of `Dialect` as keywords of a reading function."""
 
     delimiter: str | None
+    decimal: str | None
     encoding: str | None
     date_order: str | None
     utc_offset: float | str | None
@@ -35,6 +36,8 @@ class Dialect:
     ----------
     delimiter : one character, "tab" or "space", optional
         What stands between columns.
+    decimal : "," or ".", optional
+        What 18,000 means, where no other number of the file tells.
     encoding : str, optional
         Such as "gbk" or "cp1250".
     date_order : "dmy", "mdy" or "ymd", optional
@@ -48,6 +51,7 @@ class Dialect:
     """
 
     delimiter: str | None = None
+    decimal: str | None = None
     encoding: str | None = None
     date_order: str | None = None
     utc_offset: float | str | None = None
@@ -62,6 +66,8 @@ class Dialect:
                     f"delimiter must be one character, 'tab' or 'space', got {self.delimiter!r}"
                 )
             object.__setattr__(self, "delimiter", mark)
+        if self.decimal is not None:
+            choice("decimal", self.decimal, (",", "."))
         if self.encoding is not None:
             try:
                 "".encode(codecs.lookup(self.encoding).name)

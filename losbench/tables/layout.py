@@ -20,6 +20,7 @@ __all__ = ["Layout", "find_layout", "rows"]
 
 _PREVIEW = 200
 _BLOCK = 1 << 20
+_LONGEST_NAME = 100
 _LONGEST_LINE = 1 << 17  # csv's own limit of a field
 _BOMS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -90,7 +91,7 @@ def find_layout(file: Path, dialect: Dialect) -> Layout:
             f"number or a time{_maybe_spaces(texts, delimiter)}"
         )
     kinds = _kinds(data[-3:])
-    first = next(line for line in data if _fits(line, kinds))
+    first = next((line for line in data if _fits(line, kinds)), data[0])
     above = [line for line in lines if line.number < first.number]
     words = [line for line in above if line.is_words]
     below: list[_Line] = []
@@ -105,6 +106,10 @@ def find_layout(file: Path, dialect: Dialect) -> Layout:
     names = [cell.strip() for cell in header.cells]
     while len(names) > 1 and not names[-1]:
         names.pop()
+    if max(map(len, names)) > _LONGEST_NAME:
+        raise ValueError(
+            f"{file.name} must have names of up to {_LONGEST_NAME} characters in its header"
+        )
     left = [line for line in above if line.number < header.number and len(line.cells) > 1]
     units = tuple(cell.strip() for cell in below[0].cells) if below else ()
     end = max([header, *below], key=lambda line: line.number).number

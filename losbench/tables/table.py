@@ -82,11 +82,7 @@ class Table:
         of the first cell that is none.
         """
         chunks = self._chunks[self._index(name)]
-        comma = decimal_comma(
-            cell for chunk in chunks if isinstance(chunk, tuple) for cell in chunk
-        )
-        if comma is None:  # other columns may tell what a comma means in this file
-            comma = True if self._has_decimal_commas() else None
+        comma = self._comma(chunks)
         parts, at = [], 0
         for chunk in chunks:
             with self._located(name, at):
@@ -147,7 +143,7 @@ class Table:
 
     def listed(self) -> str:
         """The names of the columns, for a message."""
-        shown = ", ".join(name or "(no name)" for name in self.names[:12])
+        shown = ", ".join(name[:30] or "(no name)" for name in self.names[:12])
         return shown + f" and {len(self.names) - 12} more" * (len(self.names) > 12)
 
     def _index(self, name: str) -> int:
@@ -167,12 +163,18 @@ class Table:
                 return 0.0
         return self.dialect.zone
 
-    def _has_decimal_commas(self) -> bool:
-        return any(
-            decimal_comma(cell for cell in column[0] if isinstance(cell, str))
-            for column in self._chunks
-            if column
-        )
+    def _comma(self, chunks: tuple[Chunk, ...]) -> bool | None:
+        """Whether the commas of a column are decimal: as told, or as its own numbers say, or those
+        of other columns; None where nothing does.
+        """
+        if self.dialect.decimal is not None:
+            return self.dialect.decimal == ","
+        own = decimal_comma(c for chunk in chunks if isinstance(chunk, tuple) for c in chunk)
+        if own is not None:
+            return own
+        first = (column[0] for column in self._chunks)
+        others = (decimal_comma(chunk) for chunk in first if isinstance(chunk, tuple))
+        return True if any(others) else None
 
     @contextmanager
     def _located(self, name: str, at: int) -> Iterator[None]:

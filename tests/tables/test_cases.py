@@ -333,6 +333,10 @@ def test_it_is_refused_in_one_line_that_says_why(tmp_path, content, word, option
 def test_a_delimiter_an_encoding_and_a_unit_can_be_told(tmp_path):
     spaced = lines("time_s temperature_degC/0   18.0/60  18.2/120 18.5/")
     assert read(tmp_path, spaced, delimiter="space").celsius[:, 0].tolist() == [18.0, 18.2, 18.5]
+    thousandths = lines("time_s;temperature_degC/0;18,000/60;18,200/120;18,500/")
+    assert read(tmp_path, thousandths, decimal=",").celsius[:, 0].tolist() == [18.0, 18.2, 18.5]
+    beside = lines("time_s;temperature_degC;x/0;18,000;1,5/60;18,200;2/")
+    assert read(tmp_path, beside).celsius[:, 0].tolist() == [18.0, 18.2]
     chinese = "time_s,\u6e29\u5ea6\n0,18.0\n60,18.2\n120,18.5\n".encode("gbk")
     log = read(tmp_path, chinese, encoding="gbk", columns={"temperature_degC": "\u6e29\u5ea6"})
     assert log.celsius[:, 0].tolist() == [18.0, 18.2, 18.5]
@@ -351,6 +355,7 @@ def test_a_delimiter_an_encoding_and_a_unit_can_be_told(tmp_path):
     ("options", "message"),
     [
         ({"delimiter": ";;"}, "delimiter must be one character"),
+        ({"decimal": "'"}, "decimal must be one of ',', '.'"),
         ({"encoding": "klingon"}, "encoding must be one that Python knows"),
         ({"date_order": "ydm"}, "date_order must be one of 'dmy', 'mdy', 'ymd'"),
         ({"utc_offset": 25}, "utc_offset must be a finite number from -14 to 14"),
