@@ -35,6 +35,8 @@ def temperatures(
     said = [
         f"{without} of {recording.n_frames} frames lie outside the temperature log or in a gap of "
         "it."
+        + " Are both in one time zone?"
+        * (recording.times.assumed_utc or log.times.assumed_utc)
     ]
     return dict(zip(log.names, celsius.T, strict=True)), [*notes, *said[: without > 0]]
 
