@@ -21,10 +21,10 @@ def real_data() -> Callable[[str], Path]:
     """
 
     def folder(name: str) -> Path:
-        path = Path(os.environ.get("LOSBENCH_REAL_DATA", _BESIDE)) / name
+        path = Path(os.environ.get("LOSBENCH_DATA", _BESIDE)) / name
         if not path.is_dir():
             pytest.skip(
-                f"no folder {name} in LOSBENCH_REAL_DATA or beside the checkout; data/README.md "
+                f"no folder {name} in LOSBENCH_DATA or beside the checkout; data/README.md "
                 "says what it holds"
             )
         return path
