@@ -12,8 +12,8 @@ from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
+from losbench.workbench.ledger.cells import cell_digest
 from losbench.workbench.ledger.claims import CLASSES
-from losbench.workbench.ledger.ledger import cell_digest
 
 __all__ = ["VERDICT_COLOURS", "cell_anchors", "index_page", "ledger_page"]
 
