@@ -174,10 +174,10 @@ def left_aligned_step(frame: NDArray[np.uint16]) -> int:
 
 def _full_scale(plane: NDArray[Any], step: int, bits: int | None) -> float | None:
     """Reading of a saturated pixel, found on the integers of the file."""
-    if plane.dtype.kind == "f":
-        return None
     if bits is not None:
         return float(2**bits - 1)
+    if plane.dtype.kind == "f":
+        return None
     top = int(plane.max()) // step
     if plane.dtype.itemsize > 1:
         ends = [2**b - 1 for b in _CONVERTERS if 2**b - 1 <= np.iinfo(np.uint16).max // step]

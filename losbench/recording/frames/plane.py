@@ -71,6 +71,8 @@ class Plane:
         """Bits of the numbers, where undefined ones make floats of them."""
         if self.blank is None or self.bitpix < 0 or self.bscale != 1.0:
             return None
+        if self.bzero not in (0, 2 ** (self.bitpix - 1)):
+            return None
         return self.bitpix - (self.bzero == 0 and self.bitpix > 8)
 
     def frame(self, path: Path, k: int, label: str) -> NDArray[Any]:

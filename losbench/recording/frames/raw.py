@@ -39,7 +39,7 @@ class RawLayout:
     header_bytes : int
         Bytes before the first frame.
     gap_bytes : int
-        Bytes between frames.
+        Bytes between frames, and perhaps after the last one.
     byte_order : "little" or "big"
         Of the pixels of two bytes.
 
@@ -115,9 +115,9 @@ def open_raw(path: Path, *, skip: bool) -> Found:
         raise FileNotFoundError(f"{path.name} describes {layout.file}, which is not beside it")
     stride = layout.frame_bytes + layout.gap_bytes
     with decoding(raw.name):
-        held = file_size(opened(plain_file, raw)) - layout.header_bytes + layout.gap_bytes
-    held = max(held, 0)
-    n_frames, notes = cut_short(raw.name, -(-held // stride), held // stride, skip=skip)
+        held = max(file_size(opened(plain_file, raw)) - layout.header_bytes, 0)
+    there = (held + layout.gap_bytes) // stride  # a gap after the last frame may be there or not
+    n_frames, notes = cut_short(raw.name, there + (held > there * stride), there, skip=skip)
     whole = layout.pixels in _WHOLE
     order = "<" if layout.byte_order == "little" else ">"
     kind: np.dtype[Any] = np.dtype(f"{order}u2" if whole and layout.bits > 8 else "u1")
