@@ -15,6 +15,7 @@ __all__ = ["Metric", "Record"]
 
 _NAMES = ("ape", "mpe", "rpe", "pde", "smear", "jitter")
 _FEWEST = 2.5  # degrees of freedom below which no interval is told
+_ROUNDING = 1e-15  # of the bias: what a mean of equal numbers may be off by
 _LINE = 0.25  # degrees of freedom by spectrum over those by windows, below which a line stands out
 
 
@@ -88,7 +89,7 @@ class Record:
         if not len(squares):
             return nothing
         square = float(squares.mean()) if route == "windows" else float(part.sum() * step_Hz)
-        if square <= 0:
+        if square <= (_ROUNDING * self.bias[axis]) ** 2:
             return float(np.abs(bias)), np.full(2, np.abs(bias)), np.inf
         by_spectrum, by_windows = freedom(
             squares, part, step_Hz, len(self.present) * self.step_s, self.segments

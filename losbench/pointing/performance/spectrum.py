@@ -56,7 +56,7 @@ def weights(
     odd = 0.5 * (samples * np.cos(samples * theta) * safe - np.sin(samples * theta) * np.cos(theta))
     norm = samples * (samples**2 - 1) / 12
     first = (2.0 * theta) ** 2 * norm / samples  # of the series about zero frequency
-    smear = np.where(inner, (odd / safe**2) ** 2 / (samples * max(norm, 1.0)), first)
+    smear = np.where(inner, (odd / safe**2) ** 2 / (samples * norm), first)
     rpe = np.where(inner, 1.0 - mean, first)
     table = {
         "ape": np.ones_like(theta),

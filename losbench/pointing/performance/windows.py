@@ -74,7 +74,7 @@ def _squares(windows: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     # of the whole drift in the jitter.
     about = windows - mean[..., None]
     along = np.arange(samples) - 0.5 * (samples - 1)
-    norm = max(float(along @ along), 1.0)
+    norm = along @ along
     slope = about @ along / norm
     rpe = np.vecdot(about, about) / samples
     about -= slope[..., None] * along
