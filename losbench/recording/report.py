@@ -129,14 +129,29 @@ def _lag_s(fit: SensitivityFit, table: pd.DataFrame) -> Floats:
     return np.where(fit.lag_interval_s[:, 0] > shortest_s, fit.lag_s, 0.0)
 
 
+def _at_rest(fit: SensitivityFit) -> tuple[Floats, Bools]:
+    """Sensitivity (3,) that the interval is about, arcsec/degC, and where one lag misses that.
+
+    One lag is a wrong law for most structures: where its sensitivity leaves the interval over all
+    lags, the middle of that is printed.
+    """
+    low, high = np.moveaxis(fit.k_interval_arcsec_per_degC, -1, 0)
+    k = fit.k_arcsec_per_degC
+    missed = ~((low <= k) & (k <= high))
+    return np.where(missed, (low + high) / 2, k), missed
+
+
 def _numbers(fit: SensitivityFit, table: pd.DataFrame) -> dict[str, dict[str, Any]]:
     """By axis, what `_sentences` says; a lag of zero is none."""
     rms_arcsec, lag_s = rad_to_arcsec(fit.rms), _lag_s(fit, table)
+    at_rest, _ = _at_rest(fit)
     return {
         axis: {
-            "arcsec_per_degC": round(float(fit.k_arcsec_per_degC[i]), 6),
+            "arcsec_per_degC": round(float(at_rest[i]), 6),
             "interval_95_arcsec_per_degC": fit.k_interval_arcsec_per_degC[i].round(6).tolist(),
+            "one_lag_arcsec_per_degC": round(float(fit.k_arcsec_per_degC[i]), 6),
             "lag_s": round(float(lag_s[i]), 3),
+            "lag_state": str(fit.lag_state[i]),
             "rms_arcsec": round(float(rms_arcsec[i]), 6),
         }
         for i, axis in enumerate(_AXES)
@@ -146,16 +161,21 @@ def _numbers(fit: SensitivityFit, table: pd.DataFrame) -> dict[str, dict[str, An
 def _sentences(fit: SensitivityFit, table: pd.DataFrame) -> list[str]:
     low, high = np.moveaxis(fit.k_interval_arcsec_per_degC, -1, 0)
     rms = rad_to_arcsec(fit.rms)
+    at_rest, missed = _at_rest(fit)
     column = _temperature_columns(table)[0]
-    lag = [
-        f"lag {minutes:.1f} min" if minutes > 0 else "no lag" for minutes in _lag_s(fit, table) / 60
-    ]
-    return [
-        f"Sensitivity about {axis} to {column}: {k:+.4f} arcsec/degC (95 %: "
-        f"{low[i]:+.4f} to {high[i]:+.4f}), {lag[i]}, {rms[i]:.4f} arcsec rms left after "
-        "compensation"
-        for i, (axis, k) in enumerate(zip(_AXES.values(), fit.k_arcsec_per_degC, strict=True))
-    ]
+    lines = []
+    for i, (axis, minutes) in enumerate(zip(_AXES.values(), _lag_s(fit, table) / 60, strict=True)):
+        lag = f"lag {minutes:.1f} min" if minutes > 0 else "no lag"
+        if missed[i]:
+            lag += f", the middle over all lags: one alone gives {fit.k_arcsec_per_degC[i]:+.4f}"
+        if fit.lag_state[i] == "not identifiable":
+            lag += ", not identifiable: one as long as the record fits as well"
+        lines.append(
+            f"Sensitivity about {axis} to {column}: {at_rest[i]:+.4f} arcsec/degC (95 %: "
+            f"{low[i]:+.4f} to {high[i]:+.4f}), {lag}, {rms[i]:.4f} arcsec rms left after "
+            "compensation"
+        )
+    return lines
 
 
 def _pictures(measurement: Measurement, sensitivity: SensitivityFit | None) -> dict[str, bytes]:
