@@ -1,0 +1,334 @@
+"""Numbers that identification promises, from either side: loops, statsmodels, likelihoods of dense matrices."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from scipy import stats
+from statsmodels.stats.outliers_influence import variance_inflation_factor
+
+import losbench as lb
+from losbench.pointing.thermal.axis import _collinearity, _thinning
+from losbench.pointing.thermal.correlated import Noise, has_memory
+from losbench.pointing.thermal.folds import YEAR_S, read_folds, sigma_about_zero
+from losbench.pointing.thermal.lag import lag_grid, lagged
+from losbench.pointing.thermal.notes import notes_of
+from losbench.pointing.thermal.states import LackOfFit, lack_of_fit, lag_set, lag_state
+from losbench.pointing.thermal.terms import (
+    Difference,
+    Fourier,
+    Lagged,
+    Linear,
+    Offset,
+    Product,
+    Steps,
+    Trend,
+)
+
+DAY_S = 86_400.0
+
+
+# Lags
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_lags_are_allowed_up_to_the_95_percent_of_a_chi_square(correlation):
+    """Under a correlation r, n (1 - r) / (1 + r) samples are independent."""
+    edge = stats.chi2.ppf(0.95, 1) * (1 + correlation) / (1 - correlation)
+    rss = 7.0 * np.exp(np.array([0.0, 0.99, 1.01]) * edge / 80)
+    assert lag_set(rss, 80, correlation).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("allowed", "state"),
+    [
+        ([5], "identified"),
+        ([3, 9], "identified"),
+        ([3, 10], "weak"),
+        ([9, 30], "not identifiable"),
+        ([0, 5], "no lag seen"),
+        ([0, 30], "not identifiable"),
+    ],
+)
+def test_a_lag_that_may_be_a_third_of_the_record_is_weak(allowed, state):
+    grid = np.arange(31.0)
+    assert lag_state(np.isin(np.arange(31), allowed), grid) == state
+
+
+@pytest.mark.parametrize(
+    ("f", "neumann", "rejects"),
+    [
+        (0.024, 0.9, True),
+        (0.9, 0.024, True),
+        (0.026, 0.026, False),
+        (np.nan, 0.049, True),
+        (0.051, np.nan, False),
+        (np.nan, np.nan, False),
+    ],
+)
+def test_tests_of_a_law_share_five_percent(f, neumann, rejects):
+    assert LackOfFit(f, neumann).rejects == rejects
+
+
+def test_the_f_test_of_more_lags_is_that_of_statsmodels():
+    rng = np.random.default_rng(1)
+    law, more = rng.standard_normal((60, 2)), rng.standard_normal((60, 3))
+    y = law @ [1.0, 2.0] + more @ [0.2, 0.0, 0.2] + rng.standard_normal(60)
+    t = np.arange(60.0)
+    expected = sm.OLS(y, np.column_stack([law, more])).fit().compare_f_test(sm.OLS(y, law).fit())
+    found = lack_of_fit(law, more, y, t, Noise())
+    assert found.f_p_value == pytest.approx(expected[1], rel=1e-9)
+    noise = Noise(tau_s=3.0, white=0.2)
+    dense = np.exp(-np.abs(t[:, None] - t) / 3.0) + 0.2 * np.eye(60)
+    root = np.linalg.inv(np.linalg.cholesky(dense))
+    wide = sm.OLS(root @ y, root @ np.column_stack([law, more])).fit()
+    found = lack_of_fit(law, more, y, t, noise)
+    expected = wide.compare_f_test(sm.OLS(root @ y, root @ law).fit())
+    assert found.f_p_value == pytest.approx(expected[1], rel=1e-7)
+    assert np.isnan(found.neumann_p_value)
+
+
+def test_von_neumann_s_ratio_is_uniform_on_white_noise_and_small_on_smooth():
+    rng, t = np.random.default_rng(2), np.arange(60.0)
+    law, none = np.ones((60, 1)), np.empty((60, 0))
+    p = [
+        lack_of_fit(law, none, rng.standard_normal(60), t, Noise()).neumann_p_value
+        for _ in range(1500)
+    ]
+    assert stats.kstest(p, "uniform").pvalue > 0.01
+    smooth = lack_of_fit(law, none, np.sin(t / 9.0), t, Noise())
+    assert smooth.neumann_p_value < 1e-9 and np.isnan(smooth.f_p_value)
+    assert lack_of_fit(law, none, np.zeros(60), t, Noise()).neumann_p_value == pytest.approx(0.5)
+
+
+def test_a_grid_of_lags_runs_from_half_a_step_to_the_record():
+    t = np.cumsum([5.0, 2.0, 2.0, 2.0, 40.0])
+    for options, first in (({}, 1.0), ({"shortest": 0.1}, 0.2), ({"shortest": 900.0}, 46.0)):
+        grid = lag_grid(t, 7, **options)
+        assert (grid.size, grid[0]) == (7, pytest.approx(first))
+        assert grid[-1] == pytest.approx(46.0)
+        np.testing.assert_allclose(np.diff(np.log(grid)), np.log(46.0 / first) / 6, atol=1e-12)
+
+
+# Errors with memory
+
+
+def restricted(columns, y, covariance):
+    """-2 log of the restricted likelihood, its scale at its best, by dense matrices."""
+    weight = np.linalg.inv(covariance)
+    normal = columns.T @ weight @ columns
+    left = y - columns @ np.linalg.solve(normal, columns.T @ weight @ y)
+    dets = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(normal)[1]
+    return (y.size - columns.shape[1]) * np.log(left @ weight @ left) + dets
+
+
+def test_memory_is_what_explains_clearly_better_than_white_noise():
+    """Twice the gain in log-likelihood beyond 9.2: a chi-square of two at one percent."""
+    assert stats.chi2.sf(9.2, 2) == pytest.approx(0.01, rel=0.01)
+    rng, t, gains = np.random.default_rng(3), np.arange(70.0), []
+    columns = np.column_stack([np.ones(70), t])
+    covariance = np.exp(-np.abs(t[:, None] - t) / 2.0) + 0.5 * np.eye(70)
+    root = np.linalg.cholesky(covariance)
+    for _ in range(150):
+        y = root @ rng.standard_normal(70)
+        gain = restricted(columns, y, np.eye(70)) - restricted(columns, y, covariance)
+        assert has_memory(columns, y, t, Noise(2.0, 0.5)) == (gain > 9.2), gain
+        gains.append(gain)
+    assert any(6.0 < gain < 9.2 for gain in gains) and any(9.2 < gain < 14.0 for gain in gains)
+
+
+def test_errors_are_thinned_as_long_as_neighbouring_steps_are_alike():
+    """Steps of an AR(1) of coefficient a have the correlation a: 0.15 is the edge, 40 are left."""
+    rng = np.random.default_rng(4)
+    for a, thinned in ((0.13, False), (0.17, True)):
+        change = np.empty(200_000)
+        change[0] = 0.0
+        noise = rng.standard_normal(change.size)
+        for i in range(1, change.size):
+            change[i] = a * change[i - 1] + noise[i]
+        assert (_thinning(np.cumsum(change), 40) > 1) == thinned
+    smooth = np.sin(np.arange(640) / 300.0)
+    for n, fewest, step in ((79, 1, 1), (80, 1, 2), (159, 1, 2), (160, 1, 4), (160, 50, 2)):
+        assert _thinning(smooth[:n], fewest) == step
+
+
+# Columns
+
+
+def test_inflation_and_condition_are_those_of_centred_columns():
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((90, 3)) * [1.0, 1e3, 1e-3] + [5.0, 0.0, 1.0]
+    columns[:, 2] += 1e-3 * columns[:, 0]
+    condition, vif = _collinearity(np.column_stack([np.ones(90), columns]))
+    wide = sm.add_constant(columns)
+    expected = [variance_inflation_factor(wide, k) for k in (1, 2, 3)]
+    np.testing.assert_allclose(vif, [1.0, *expected], rtol=1e-9)
+    unit = (columns - columns.mean(axis=0)) / columns.std(axis=0)
+    assert condition == pytest.approx(np.linalg.cond(unit), rel=1e-9)
+    assert _collinearity(np.column_stack([np.ones(90), columns[:, 0]]))[0] == 1.0
+    assert _collinearity(columns[:, :2])[0] > 1.0
+
+
+@pytest.mark.parametrize(
+    ("condition", "vif", "said"),
+    [(29.0, 9.9, False), (31.0, 9.9, True), (29.0, 10.1, True), (30.0, 10.0, False)],
+)
+def test_columns_are_nearly_collinear_beyond_a_condition_of_30_or_an_inflation_of_10(
+    condition, vif, said
+):
+    axis = SimpleNamespace(
+        tau_state=[],
+        lack_of_fit=LackOfFit(np.nan, np.nan),
+        omitted=(),
+        vif=np.array([1.0, vif, 2.0]),
+        condition=condition,
+        thinned=1,
+        rejected=np.array([False] * 4),
+        residuals=np.ones(4),
+        law="as given",
+    )
+    design = SimpleNamespace(lags=[], model=SimpleNamespace(labels=("a", "b", "c")))
+    (*line,) = notes_of([axis], design, series=True)
+    assert bool(line) == said
+    if said:
+        assert f"variance of b inflated {vif:.3g} times" in line[0]
+    axis.thinned, axis.rejected = 2, np.array([True, False, False, False])
+    lines = notes_of([axis, axis], design, series=False)
+    assert lines[-1] == "Axis 2: 1 of 4 samples lie beyond four sigma and enter no interval"
+    assert "one of 2 samples enters the intervals" in lines[-2]
+
+
+def test_terms_are_the_columns_that_they_say():
+    t = np.array([0.0, 10.0, 20.0, 40.0])
+    sensors = {"a": np.array([1.0, 2.0, -1.0, 3.0]), "b": np.array([0.5, 0.0, 1.0, 2.0])}
+    a, b = sensors["a"], sensors["b"]
+    cases = {
+        Linear("a", "b", degree=2): ([a, a**2, b, b**2], ["a", "a^2", "b", "b^2"]),
+        Difference("a", "b"): ([a - b], ["a - b"]),
+        Trend(2, unit_s=10.0): ([(t - 20) / 10, ((t - 20) / 10) ** 2], ["trend", "trend^2"]),
+        Trend(1, origin_s=5.0): ([(t - 5) / (365.25 * DAY_S)], ["trend"]),
+        Steps((20.0, 10.0)): ([t >= 10, t >= 20], ["step at 10 s", "step at 20 s"]),
+        Fourier(80.0, (1, 3)): (
+            [f(2 * np.pi * k * t / 80) for k in (1, 3) for f in (np.cos, np.sin)],
+            [f"{f} {k} of 80 s" for k in (1, 3) for f in ("cos", "sin")],
+        ),
+        Product(Linear("a"), Linear("b", degree=2)): ([a * b, a * b**2], ["a x b", "a x b^2"]),
+        Lagged("b", tau_s=7.0, degree=2): (
+            [lagged(b, t, 7.0), lagged(b, t, 7.0) ** 2],
+            ["b lagged 7 s", "b lagged 7 s^2"],
+        ),
+        Offset(): ([np.ones(4)], ["offset"]),
+    }
+    for term, (columns, labels) in cases.items():
+        np.testing.assert_allclose(term.columns(sensors, t), np.transpose(columns), atol=1e-12)
+        assert list(term.labels) == labels
+    assert Fourier(80.0, 2).orders == (1, 2)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda k: Linear("a", degree=k), lambda k: Lagged("a", degree=k), Trend]
+)
+def test_powers_go_from_the_first_to_the_fifth(make):
+    for degree in (1, 5):
+        assert len(make(degree).labels) == degree
+    for degree in (0, 6):
+        with pytest.raises(ValueError, match="degree must be a whole number"):
+            make(degree)
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [(lambda v: Lagged("a", tau_s=v), "tau_s"), (Fourier, "period_s")],
+)
+def test_a_lag_and_a_period_are_positive(make, name):
+    assert make(1e-3).labels
+    for value in (0.0, -1.0):
+        with pytest.raises(ValueError, match=f"{name} must be positive"):
+            make(value)
+    with pytest.raises(ValueError, match="harmonics must be a whole number"):
+        Fourier(1.0, (0, 1))
+    with pytest.raises(ValueError, match="harmonics must be a whole number"):
+        Fourier(1.0, 0)
+
+
+# Folds
+
+
+def test_folds_are_julian_years_blocks_of_equal_length_or_labels_in_order_of_time():
+    t = 100.0 + YEAR_S * np.array([0.0, 0.999, 1.0, 1.5, 3.0])
+    number, labels = read_folds("year", t)
+    assert number.tolist() == [0, 0, 1, 1, 2] and labels == ["year 1", "year 2", "year 4"]
+    assert YEAR_S == 365.25 * DAY_S
+    for count in (2, 3, 5):
+        number, labels = read_folds(count, t)
+        sizes = np.bincount(number)
+        assert labels == [f"block {k + 1}" for k in range(count)]
+        assert np.ptp(sizes) <= 1 and (np.diff(number) >= 0).all()
+    for count in (1, 6):
+        with pytest.raises(ValueError, match="folds must be a whole number"):
+            read_folds(count, t)
+    number, labels = read_folds(["z", "z", "a", "z", "m"], t)
+    assert number.tolist() == [0, 0, 1, 0, 2] and labels == ["z", "a", "m"]
+    with pytest.raises(ValueError, match="folds must be at least two, got 1"):
+        read_folds(["z"] * 5, t)
+
+
+def test_sigma_about_zero_is_that_of_a_normal_error_and_counts_an_offset():
+    normal = stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
+    errors = np.stack([normal, 3.0 * np.ones(9999), np.full(9999, np.nan)], axis=1)
+    errors[::7, 0] = np.nan
+    found = sigma_about_zero(errors)
+    assert found[0] == pytest.approx(1.0, rel=1e-3)
+    assert found[1] == pytest.approx(3.0 / stats.norm.ppf(0.75)) and np.isnan(found[2])
+
+
+@pytest.mark.parametrize("horizon", ["left out", "forward"])
+def test_baselines_are_a_constant_a_trend_and_the_last_known_angle(horizon):
+    rng = np.random.default_rng(6)
+    t = 0.5 * DAY_S * np.arange(90.0)
+    y = 1e-6 * (rng.standard_normal(90).cumsum())
+    y[[4, 40]] = np.nan
+    room = rng.standard_normal(90)
+    fold = np.repeat([0, 1, 2], 30)
+    found = lb.cross_validate(
+        Offset() + Linear("room"), y, {"room": room}, t, folds=3, horizon=horizon, solver="ls"
+    )
+    assert set(found.baselines) == {"constant", "trend", "last", "1 d", "30 d"}
+    for name, wait_s in (("last", 0.0), ("1 d", DAY_S), ("30 d", 30 * DAY_S)):
+        changes = []
+        for i in np.flatnonzero(np.isfinite(y)):
+            before = (t <= t[i] - wait_s) if wait_s else (t < t[i])
+            known = np.flatnonzero(before & np.isfinite(y))
+            if known.size:
+                changes.append(y[i] - y[known[-1]])
+        expected = stats.median_abs_deviation(changes, center=lambda x, axis: 0.0, scale="normal")
+        assert found.baselines[name] == pytest.approx(expected, rel=1e-9)
+    for name, columns in (
+        ("constant", np.ones((90, 1))),
+        ("trend", np.column_stack([np.ones(90), t / t[-1]])),
+    ):
+        errors = []
+        for k in range(3):
+            train = (fold < k if horizon == "forward" else fold != k) & np.isfinite(y)
+            if train.any():
+                x = lb.irls(columns[train], y[train], on_fail="ignore").x
+                errors.append((y - columns @ x)[(fold == k) & np.isfinite(y)])
+        expected = np.median(np.abs(np.concatenate(errors))) / stats.norm.ppf(0.75)
+        assert found.baselines[name] == pytest.approx(expected, rel=1e-6)
+    assert np.isnan(found.errors[:30]).all() == (horizon == "forward")
+    assert found.not_predictable == (("block 1",) if horizon == "forward" else ())
+    assert np.isnan(found.errors[[4, 40]]).all()
+
+
+def test_baselines_of_days_need_a_longer_record():
+    t, room = np.arange(20.0), np.sin(np.arange(20.0))
+    model, y = Offset() + Linear("room"), 1e-6 * np.cos(np.arange(20.0))
+    for unit_s, names in (
+        (1.0, ["last"]),
+        (DAY_S / 19, ["last"]),
+        (DAY_S / 18, ["last", "1 d"]),
+        (30 * DAY_S / 18, ["last", "1 d", "30 d"]),
+    ):
+        found = lb.cross_validate(model, y, {"room": room}, unit_s * t, folds=2)
+        assert [name for name in found.baselines if name not in ("constant", "trend")] == names
