@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.papers.lyu2015 import results, rotation, twin
+from losbench.papers.lyu2015 import eights, results, rotation, twin
 from losbench.papers.lyu2015.scenario import RATE_LAWS, TABLE_1, Setting
 from losbench.papers.provenance import assumptions
 
@@ -119,3 +119,21 @@ def test_clean_stars_share_one_rotation_and_a_threshold_parts_them():
     assert clean.max() < 0.02
     cut = rotation.rotation_misfits(SETTING, threshold=0.05, images=12)
     assert np.median(cut) > 2 * np.median(clean)
+
+
+def test_no_clean_set_of_eight_scatters_as_printed_and_a_threshold_makes_it(shots):
+    path = SETTING.sensed(shots.motion, SETTING.biased_gyro(200, 1))
+    clean = eights.aided_eights(shots, path)
+    assert len(clean) == np.sum(np.bincount(shots.image) >= 8) > 30
+    first = np.flatnonzero(np.bincount(shots.image) >= 8)[0]
+    whole = results.quiet(shots, path)[shots.image == first][:8]
+    np.testing.assert_allclose(clean[0], whole, atol=1e-9)
+    # The floor's closed form at its worst, both axes turning round at the full rate, and the pixels.
+    worst = SETTING.camera.focal_px * 0.005**2 / 0.3 * 2 * np.sqrt(2) * np.radians(3.0)
+    assert clean.max() < worst + 0.01 < TABLE_1["aided"].max()
+    assert eights.as_printed(clean) == 0.0
+    assert 0.02 < eights.as_printed(eights.aided_eights(shots, path, threshold=0.05)) < 0.4
+    assert eights.as_printed(eights.aided_eights(shots, path, threshold=0.05, flux_e=1e3)) > 0.3
+    told = TABLE_1["aided"]
+    sets = np.array([told, np.minimum(told, 0.08), np.where(told > 0.08, told, 0.0)])
+    assert eights.as_printed(sets) == pytest.approx(1 / 3)

@@ -110,6 +110,21 @@ def test_one_rule_for_statements_and_numbers(ledger, p, null, verdict):
     assert ledger.verdict("a-5") == verdict
 
 
+@pytest.mark.parametrize(
+    ("chances", "ours"),
+    [
+        ((1.0,), "true in 100 %"),
+        ((1.0, 0.996), "true in 100 %"),
+        ((0.994, 0.994), "true in 99 %"),
+        ((0.05, 1.0), "true in 5 to 100 %"),
+    ],
+)
+def test_chances_are_shown_as_plain_percents(ledger, chances, ours):
+    for k, p in enumerate(chances):
+        ledger.statement("a-5", p, reading={"draw": str(k)})
+    assert ledger.judged()["a-5"].ours == ours
+
+
 def test_the_far_tails_have_odds_too(ledger):
     ledger.value("a-1", lb.Value({}, 100.0, 1.0, null=200.0))
     assert ledger.odds("a-1") == pytest.approx(1e6)

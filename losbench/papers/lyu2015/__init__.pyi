@@ -1,3 +1,5 @@
+from .eights import aided_eights as aided_eights
+from .eights import as_printed as as_printed
 from .results import accuracy as accuracy
 from .results import floor_px as floor_px
 from .results import gyro_errors as gyro_errors

@@ -278,7 +278,7 @@ def _said_of_readings(judged: Sequence[_Judged]) -> list[str]:
 
 def _number(said: Value | Statement) -> str:
     if isinstance(said, Statement):
-        return f"true in {100 * said.p:.2g} %"
+        return f"true in {_percent(said.p)} %"
     if isinstance(said.value, bool):
         return str(said.value).lower()
     return with_error(said.value, said.error)
@@ -300,5 +300,10 @@ def _range(values: Sequence[Value | Statement]) -> str:
         true = sum(bool(v.value) for v in values if isinstance(v, Value))
         return f"true in {true} of {len(values)}"
     if isinstance(values[0], Statement):
-        return f"true in {100 * min(numbers):.2g} to {100 * max(numbers):.2g} %"
+        ends = dict.fromkeys(_percent(p) for p in (min(numbers), max(numbers)))
+        return f"true in {' to '.join(ends)} %"
     return f"{min(numbers):.3g} to {max(numbers):.3g}{unit}"
+
+
+def _percent(p: float) -> str:
+    return "100" if p >= 0.995 else f"{100 * p:.2g}"
