@@ -239,6 +239,13 @@ def test_ser_holds_1_to_16_bits_in_one_byte_up_to_8(tmp_path, depth):
             lb.open_frames(path)
 
 
+@pytest.mark.parametrize("shape", [(2, 1, 30), (2, 20, 1), (1, 20, 30)])
+def test_ser_may_hold_one_row_one_column_or_one_frame(tmp_path, shape):
+    frames = FRAMES.ravel()[: np.prod(shape)].reshape(shape) // 16
+    path = write.ser(tmp_path / "a.ser", frames.astype(np.uint8), depth=8)
+    np.testing.assert_array_equal(read(path), frames)
+
+
 @pytest.mark.parametrize(
     ("first", "step", "used"),
     [(0, 1, False), (1, 1, True), (10**15, 0, False), (10**15, 1, True), (2**62 // 100, 1, False)],
@@ -323,6 +330,8 @@ def test_what_does_not_belong_is_named_up_to_three():
         ([1, 1, 2, 4], ""),
         ([10, 12, 15, 17], ""),
         ([1, 2, 4, 6], ""),
+        ([1, 2, 3, 5, 7, 9], ""),
+        ([1, 2, 3, 4, 6, 8], "from f4-7.png to f6-7.png, the first of 2 jumps:"),
     ],
 )
 def test_a_jump_in_names_is_more_than_the_step_of_most(numbers, said):

@@ -1,13 +1,18 @@
 """Numbers that the docstrings and files of recording promise, from either side."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import losbench as lb
 from losbench.logs import FrameTimes, TemperatureLog
+from losbench.recording.angles import Angles
+from losbench.recording.belief import _TELLS, drift_slope
 from losbench.recording.readers import Recording
+from losbench.recording.report import _at_rest, _lag_s
 from losbench.recording.stamps import Stamp
 
 fits = pytest.importorskip("astropy.io.fits")
@@ -96,3 +101,65 @@ def test_the_error_of_a_mean_reference_is_that_of_a_mean():
     expected = np.sqrt(np.sum(found.sigma_xy_px**2, axis=0)) / 16
     np.testing.assert_allclose(own, np.broadcast_to(expected, own.shape), rtol=1e-6)
     np.testing.assert_allclose(found.reference_px, found.xy_px.mean(axis=0), atol=1e-12)
+
+
+# How far to believe it
+
+
+@pytest.mark.parametrize("size_px", [1e-3, 0.1, 10.0])
+def test_a_slope_is_that_of_least_squares_about_each_coordinate_s_mean(size_px):
+    """Whatever the drift, where frames are missing too; noise of the other is in its error."""
+    rng = np.random.default_rng(2)
+    two = size_px * rng.standard_normal((60, 3, 2)).cumsum(axis=0) + [5.0, -3.0]
+    one = 0.9 * two + 0.02 * size_px * rng.standard_normal(two.shape) + 7.0
+    one[3:9, 1], two[20, 0, 1] = np.nan, np.nan
+    known = np.isfinite(one) & np.isfinite(two)
+    x, y = (
+        np.concatenate([s[known[:, i, j], i, j] for i in range(3) for j in range(2)])
+        for s in (
+            np.where(known, s, np.nan) - np.nanmean(np.where(known, s, np.nan), axis=0)
+            for s in (two, one)
+        )
+    )
+    sigma = 0.01 * size_px
+    found = drift_slope(one, two, np.full(two.shape, sigma))
+    slope = x @ y / (x @ x)
+    assert found.value == pytest.approx(slope, rel=1e-9)
+    left = np.sum((y - slope * x) ** 2) / (known.sum() - 1) / (x @ x)
+    assert found.error == pytest.approx(np.hypot(np.sqrt(left), known.sum() * sigma**2 / (x @ x)))
+
+
+@pytest.mark.parametrize(("times", "told"), [(0.98, True), (1.02, False)])
+def test_a_slope_is_told_where_its_error_is_small_enough(times, told):
+    drift = np.repeat(np.linspace(-1.0, 1.0, 50)[:, None, None], 2, axis=2)
+    sigma = np.sqrt(times * _TELLS * np.sum(drift**2) / drift.size)
+    found = drift_slope(drift, drift, np.full(drift.shape, sigma))
+    assert np.isfinite(found.value) == told
+    if told:
+        assert found.error == pytest.approx(times * _TELLS)
+
+
+def test_a_lag_that_may_be_shorter_than_a_fifth_of_a_step_is_none():
+    table = pd.DataFrame({"time_s": [0.0, 10.0, 20.0, 30.0, 90.0]})
+    interval = np.array([[1.9, 50.0], [2.1, 50.0], [0.0, 50.0]])
+    fit = SimpleNamespace(lag_interval_s=interval, lag_s=np.array([9.0, 9.0, 9.0]))
+    assert _lag_s(fit, table).tolist() == [0.0, 9.0, 0.0]
+
+
+def test_a_sensitivity_outside_its_interval_gives_way_to_the_middle():
+    interval = np.array([[1.0, 3.0], [1.0, 3.0], [1.0, 3.0], [1.0, 3.0]])
+    fit = SimpleNamespace(
+        k_interval_arcsec_per_degC=interval, k_arcsec_per_degC=np.array([0.9, 1.0, 3.0, 3.1])
+    )
+    at_rest, missed = _at_rest(fit)
+    assert at_rest.tolist() == [2.0, 1.0, 3.0, 2.0]
+    assert missed.tolist() == [True, False, False, True]
+
+
+@pytest.mark.parametrize(("spots", "robust"), [(2, False), (3, False), (4, True)])
+def test_four_spots_tell_outliers_and_three_do_not(spots, robust):
+    for angles in (Angles(), Angles("auto")):
+        assert angles.chosen(spots) == (lb.IRLS() if robust else lb.LeastSquares())
+        said = angles.sentence(spots)
+        assert f"{spots} spots, redundancy {2 * spots - 3}." in said
+        assert ("cannot tell which" in said) == (spots == 2)
