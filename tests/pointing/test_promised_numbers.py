@@ -211,3 +211,48 @@ def test_two_spots_share_no_blame_and_three_do(spots):
     else:
         fit = lb.solve_attitude(SQUARE[:3], shifts, **options)
         assert fit.weights[0, 0, 0] < 0.9 * fit.weights[0, 1:].min()
+
+
+@pytest.mark.parametrize("window", [3, 4, 5, 20])
+def test_a_steady_turn_is_followed_to_both_ends_of_the_record(window):
+    time_s = np.cumsum(np.random.default_rng(7).uniform(0.5, 2.0, 20))
+    rate = np.array([1e-5, -2e-5, 3e-5])
+    angles = [4e-5, 0.0, -1e-5] + time_s[:, None] * rate
+    shifts = (angles @ lb.design_matrix(SQUARE).T).reshape(20, 4, 2)
+    shifts[6, 1] = np.nan
+    track = lb.track_attitude(SQUARE, shifts, time_s=time_s, window=window, solver="ls")
+    np.testing.assert_allclose(track.angles, angles, atol=1e-12)
+    np.testing.assert_allclose(track.rates, np.broadcast_to(rate, (20, 3)), atol=1e-12)
+    assert np.isnan(track.residuals[6, 1]).all() and np.isnan(track.residuals).sum() == 2
+    assert (track.weights[6, 1] == 0).all() and track.converged.all()
+
+
+def test_a_window_holds_at_least_two_spots_in_two_frames():
+    shifts = np.zeros((3, 3, 2))
+    for missing, solved in (
+        ([(0, 0), (1, 0), (2, 0), (2, 1)], True),
+        ([(0, 0), (1, 0), (1, 1), (2, 0), (2, 1)], False),
+    ):
+        given = shifts.copy()
+        for frame, spot in missing:
+            given[frame, spot] = np.nan
+        track = lb.track_attitude(SQUARE[:3], given, window=3, solver="ls", sigma=1e-4)
+        assert np.isfinite(track.angles).all() == solved == track.converged.all()
+    assert lb.track_attitude(SQUARE, np.zeros((3, 4, 2)), window=3, solver="ls").converged.all()
+    for window, words in ((2, "window must be a whole number"), (4, "not be longer than the 3")):
+        with pytest.raises(ValueError, match=words):
+            lb.track_attitude(SQUARE, np.zeros((3, 4, 2)), window=window)
+
+
+def test_the_condition_of_a_layout_is_that_of_its_rows_and_two_spots_tell_a_focal_change():
+    rows = lb.design_matrix(SQUARE) / 260.0
+    fit = drift_from_spots(SQUARE, np.zeros((4, 2)))
+    assert fit.condition == pytest.approx(np.linalg.cond(rows))
+    both = np.column_stack([-rows, SQUARE[:, :2].ravel() / 260.0])
+    fit = drift_from_spots(SQUARE, np.zeros((4, 2)), focal=True)
+    assert fit.condition == pytest.approx(np.linalg.cond(both))
+    two = np.full((4, 2), np.nan)
+    two[:2] = 0.0
+    assert np.isfinite(drift_from_spots(SQUARE, two, focal=True).delta).all()
+    two[1] = np.nan
+    assert np.isnan(drift_from_spots(SQUARE, two, focal=True).delta).all()
