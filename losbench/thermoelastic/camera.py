@@ -59,7 +59,8 @@ class ThermoelasticCamera:
     reference_degC : float
         Uniform temperature at which the optics stand as designed.
     modes : int
-        Thermal modes of :meth:`simulate`; 80 are good to 1e-4 px and 1 mK.
+        Thermal modes of :meth:`simulate`; 80 are good to 1e-4 px and 1 mK in a room that
+        warms, to 5e-3 px where the sun on one wall goes out within 15 s.
     inputs : mapping of name to float, optional
         Values of inputs that a run does not give.
 

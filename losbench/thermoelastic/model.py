@@ -152,6 +152,21 @@ def orbit_loads(*, emissivity: float, mean_degC: float = 20.0) -> tuple[Load, ..
     Sun on the +x wall and Earth on the bench's side, both through insulation that lets 5 % in,
     electronics in the focal plane, and radiation to space; the feet carry no heat. Inputs are
     ``sun_W_per_m2``, ``earth_W_per_m2`` and ``electronics_W``.
+
+    Parameters
+    ----------
+    emissivity : float
+        Of all outside faces, insulation included; no material's own. 0.029 balances 20 degC in the
+        mean under a half sine of 1361 W/m2, 230 W/m2 from Earth, and 3 W for a third of a
+        revolution, 1 W for the rest.
+    mean_degC : float
+        Where radiation is linearised; it should be near what the balance gives. In the orbit above,
+        parts from 18 to 38 degC, it costs 0.014 K and 4e-4 px against the law of T^4.
+
+    Examples
+    --------
+    >>> [load.input for load in orbit_loads(emissivity=0.029)][:3]
+    ['sun_W_per_m2', 'earth_W_per_m2', 'electronics_W']
     """
     return (
         Flux("sun_W_per_m2", 0.05, "wall+", "+x"),
