@@ -97,6 +97,8 @@ class ThermoelasticCamera:
         integer("modes", self.modes, low=1)
         for name, place in self.sensors_mm.items():
             shaped(f"sensors_mm: {name}", finite(f"sensors_mm: {name}", place), (3,))
+        for name, value in self.inputs.items():
+            number(f"inputs: {name}", value)
         self.structure.check_light(self.optics)
 
     @cached_property
@@ -142,7 +144,8 @@ class ThermoelasticCamera:
 
     def check(self) -> None:
         """Raise ``ValueError`` now for what would come up with the first run: faces without nodes,
-        loads on parts or sides that are not there, inputs that nothing asks for.
+        loads on parts or sides that are not there, heat that cannot leave, inputs that nothing
+        asks for, sensors further from the body than a cell.
         """
         self.elasticity.motion_rows(self.optics.pivot_mm)
         for kind, load in ((type(load).__name__.lower(), load) for load in self.loads):
@@ -150,6 +153,13 @@ class ThermoelasticCamera:
                 load.assemble(self.structure)
             except ValueError as error:
                 raise ValueError(f"{kind}: {error}") from None
+        self.heat.loss  # noqa: B018
+        for (name, place), node in zip(self.sensors_mm.items(), self.sensor_nodes, strict=True):
+            off = float(np.linalg.norm(self.structure.mesh.p[:, node] - place))
+            if off > self.structure.cell_mm:
+                raise ValueError(
+                    f"sensors_mm: {name} must lie on the body, got {list(place)}, {off:.0f} mm off"
+                )
         if unknown := sorted(set(self.inputs) - set(self.heat.inputs)):
             raise ValueError(f"inputs: no load asks for {unknown[0]}")
 

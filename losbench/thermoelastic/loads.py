@@ -47,6 +47,7 @@ class Film:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        _named_or_constant(self.input)
         non_negative("W_per_m2K", number("W_per_m2K", self.W_per_m2K))
         non_negative("lag_s", number("lag_s", self.lag_s))
 
@@ -69,6 +70,7 @@ class Flux:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        _named_or_constant(self.input)
         number("absorbed", self.absorbed, low=0.0, high=1.0)
         non_negative("lag_s", number("lag_s", self.lag_s))
 
@@ -86,6 +88,11 @@ class Power:
     input: str | float
     part: str
     lag_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        _named_or_constant(self.input)
+        non_negative("lag_s", number("lag_s", self.lag_s))
 
     def assemble(self, structure: Structure) -> tuple[csc_array, Floats]:
         """Return no loss, and the gain in W per W."""
@@ -109,6 +116,7 @@ class Feet:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        _named_or_constant(self.input)
         non_negative("W_per_K", number("W_per_K", self.W_per_K))
         non_negative("lag_s", number("lag_s", self.lag_s))
 
@@ -137,6 +145,13 @@ def radiation(
     mean_K = float(positive("mean_degC + 273.15", number("mean_degC", mean_degC) + zero_Celsius))
     film = 4.0 * share * Stefan_Boltzmann * mean_K**3
     return Film(0.75 * mean_K - zero_Celsius, film, part, side)
+
+
+def _named_or_constant(value: object) -> None:
+    if not isinstance(value, str):
+        number("input, if it is not a name,", value)
+    elif not value:
+        raise ValueError("input must be a name or a number, got ''")
 
 
 def _facet_mass(structure: Structure, facets: Indices) -> csc_array:

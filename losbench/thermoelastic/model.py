@@ -47,6 +47,14 @@ class _Radiation:
     part: str | None = None
     side: str | None = None
 
+    def __post_init__(self) -> None:
+        """Check the values."""
+        _linear(self)
+
+
+def _linear(sky: _Radiation) -> Film:
+    return radiation(sky.emissivity, sky.mean_degC, part=sky.part, side=sky.side)
+
 
 def read_camera_model(path: str | Path) -> ThermoelasticCamera:
     """Read a thermo-elastic camera from a TOML file whose keys carry their units.
@@ -87,17 +95,16 @@ def read_camera_model(path: str | Path) -> ThermoelasticCamera:
         with _at(f"{where}: [parts]"):
             choice(f"part {part!r}: material", material, materials)
     loads = [load for name, kind in _LOADS.items() for load in _listed(kind, table, name, where)]
-    loads += [
-        radiation(sky.emissivity, sky.mean_degC, part=sky.part, side=sky.side)
-        for sky in _listed(_Radiation, table, "radiation", where)
-    ]
+    loads += [_linear(sky) for sky in _listed(_Radiation, table, "radiation", where)]
+    boxes, holes = (tuple(_listed(Box, table, name, where)) for name in ("box", "hole"))
+    feet, faces = _named(Foot, table, "feet", where), _named(Face, table, "faces", where)
     with _at(where):
         structure = Structure(
-            tuple(_listed(Box, table, "box", where)),
+            boxes,
             {part: materials[material] for part, material in parts.items()},
-            _named(Foot, table, "feet", where),
-            _named(Face, table, "faces", where),
-            tuple(_listed(Box, table, "hole", where)),
+            feet,
+            faces,
+            holes,
             {"x": grid.x_mm, "y": grid.y_mm, "z": grid.z_mm},
             grid.cell_mm,
         )

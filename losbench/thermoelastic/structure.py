@@ -61,6 +61,7 @@ class Box:
                 f"high_mm of part {self.part!r} must lie above low_mm on all axes, got "
                 f"{list(self.low_mm)} and {list(self.high_mm)}"
             )
+        _listed(f"replaces of part {self.part!r}", self.replaces)
 
     def holds(self, points_mm: Floats) -> Bools:
         """Which points (n, 3) lie inside."""
@@ -157,6 +158,9 @@ class Structure:
         for kind, named in (("materials", self.materials), ("holes", [h.part for h in self.holes])):
             if unknown := sorted(set(named) - set(self.parts)):
                 raise ValueError(f"{kind}: there is no box of part {unknown[0]!r}")
+        for k, box in enumerate(self.boxes):
+            for part in box.replaces:
+                choice(f"box {k + 1}: replaces", part, self.parts)
         for name in self.faces:
             choice("faces", name, OPTICS)
         for axis in self.planes_mm:
@@ -356,6 +360,12 @@ class Structure:
         if distance.min() > 1e-6:
             raise ValueError(f"{name}: there is no material at {place.tolist()} mm")
         return int(distance.argmin())
+
+
+def _listed(name: str, value: object) -> None:
+    # Of a text each letter would count as a name, and each part of it as listed.
+    if not isinstance(value, tuple | list):
+        raise ValueError(f"{name} must be a list of parts, got {value!r}")
 
 
 def _middles(mesh: MeshHex) -> Floats:

@@ -160,6 +160,16 @@ def test_a_design_of_ones_own_goes_into_the_same_body(camera):
         ("[feet.C]\nmm = [55.0", "[feet.C]\nmm = [57.0", r"feet: C: there is no material at \[57.0"),
         ("[[table]]", "[inputs]\nsun = 1.0\n\n[[table]]", "inputs: no load asks for sun"),
         ("[faces.M1]", "[face.M1]", "unknown key face; known are"),
+        ("rear = [0.0, 35.0,", "rear = [0.0, 350.0,", r"sensors_mm: rear must lie on the body, got \[0.0, 350.0, -30.0\], 275 mm off"),
+        ('held = "xyz"', 'held = "w"', r"toml: \[feet.A\]: held must be letters of 'xyz', got 'w'"),
+        ('[[box]]\npart = "bench"\n', "[[box]]\n", "toml: box 1: key part is missing"),
+        ('part = "FP"\n', 'part = "FP"\nreplaces = "front"\n', r"box 18 \(part 'FP'\): replaces of part 'FP' must be a list of parts"),
+        ('part = "FP"\n', 'part = "FP"\nreplaces = ["lid"]\n', "box 18: replaces must be one of 'bench', .* got 'lid'"),
+        ("[[table]]", '[inputs]\nroom_degC = "warm"\n\n[[table]]', "inputs: room_degC must be a number"),
+        ("[[table]]", '[[power]]\ninput = true\npart = "FP"\n\n[[table]]', r"power 1 \(part 'FP'\): input, if it is not a name, must be a number"),
+        ("[[table]]", '[[power]]\ninput = [1]\npart = "FP"\n\n[[table]]', r"power 1 \(part 'FP'\): input, if it is not a name, must be"),
+        ("[[table]]", '[[power]]\ninput = ""\npart = "FP"\n\n[[table]]', r"power 1 \(part 'FP'\): input must be a name or a number"),
+        ("[[table]]", "[[radiation]]\nemissivity = 2.0\nmean_degC = 20.0\n\n[[table]]", "toml: radiation 1: emissivity must be a finite number from 0 to 1"),
         ("reference_degC = 18.0", "reference_degC = 'warm'", "reference_degC must be a number"),
     ],
 )  # fmt: skip
@@ -182,6 +192,32 @@ def test_a_bad_model_is_refused_in_one_line_by_part_and_key(tmp_path, old, new, 
     assert message.startswith(str(path))
     assert "\n" not in message
     assert len(re.findall(re.escape(str(path)), message)) == 1
+
+
+def test_what_the_model_shows_in_comments_can_be_read(tmp_path):
+    text = data_file("three-mirror-camera.toml").read_text(encoding="utf-8")
+    body, more = text.split('take the "# " away. Faces and feet without a load pass no heat.\n')
+    path = tmp_path / "camera.toml"
+    path.write_text(body + "\n" + re.sub("^# ?", "", more, flags=re.MULTILINE), encoding="utf-8")
+    camera = read_camera_model(path)
+    assert camera.inputs == {"sun_W_per_m2": 0.0, "electronics_W": 1.0}
+    assert [type(load).__name__ for load in camera.loads] == [
+        "Film",
+        "Film",
+        "Flux",
+        "Power",
+        "Feet",
+        "Film",
+    ]
+
+
+def test_a_model_whose_heat_cannot_leave_is_refused(tmp_path):
+    path = tmp_path / "camera.toml"
+    text = data_file("three-mirror-camera.toml").read_text(encoding="utf-8")
+    only = '[[power]]\ninput = "chip_W"\npart = "FP"\n'
+    path.write_text(text[: text.index("[[film]]")] + only, encoding="utf-8")
+    with pytest.raises(ValueError, match="camera.toml: loads must lose heat somewhere"):
+        read_camera_model(path)
 
 
 def test_no_file_no_model(tmp_path):
