@@ -12,6 +12,8 @@ from losbench.imaging.engine import Engine, _step
 from losbench.imaging.finder import _around, _beside
 from losbench.imaging.flags import _leaks, saturated
 from losbench.imaging.levels import _least_noise
+from losbench.imaging.places import peak_pixels
+from losbench.imaging.ranks import digit_step, level_and_noise, medians
 from losbench.imaging.sizes import default_window, window_in_first
 from losbench.imaging.window import look, spread
 
@@ -216,3 +218,80 @@ def test_a_ring_leaks_by_five_sigma_and_a_hundredth_of_the_peak(excess, error, l
     plane = SimpleNamespace(excess=np.array([excess]), excess_error=np.array([error]))
     cut = SimpleNamespace(plane=plane, peak=np.array([103.0]))
     assert _leaks(cut, np.array([3.0]))[0] == leaks
+
+
+# Ranks
+
+
+@pytest.mark.parametrize(
+    ("sample", "step"),
+    [
+        ([7, 23, 55], 16.0),
+        ([0, 6, 10], 2.0),
+        ([5, 5, 5], 1.0),
+        ([0.0, 0.5, 3.0], 0.0),
+        ([-8, 4, 16], 12.0),
+        ([0.0, 2.0**53, 4.0], 0.0),
+    ],
+)
+def test_the_step_of_a_sample_is_the_greatest_that_divides_all_differences(sample, step):
+    assert digit_step(np.array(sample, dtype=float)) == step
+
+
+@pytest.mark.parametrize("most", [0.5, 0.75])
+def test_ranks_below_a_twentieth_and_above_three_quarters_say_nothing(most):
+    values = np.sort(np.random.default_rng(6).normal(20.0, 3.0, 2000))
+    none = np.zeros((1, 2000), dtype=bool)
+    plain = np.array(level_and_noise(values[None], 0.0, none, most=most))
+    np.testing.assert_allclose(plain[:, 0], [20.0, 3.0], rtol=0.06)
+    for rank, counts in (
+        (0.045, False),
+        (0.055, True),
+        (most - 0.005, True),
+        (most + 0.005, False),
+    ):
+        moved, at = values.copy(), int(rank * 2000)
+        moved[at] = (moved[at - 1 : at + 2] * [0.5, 0.0, 0.5]).sum() + 1e-6
+        found = np.array(level_and_noise(moved[None], 0.0, none, most=most))
+        assert (found != plain).any() == counts, rank
+
+
+def test_fifteen_ranks_tell_level_and_noise_and_fourteen_do_not():
+    for n, told in ((20, False), (21, True)):
+        values = np.random.default_rng(n).normal(20.0, 3.0, (1, n)).round()
+        none = np.zeros((1, n), dtype=bool)
+        level, noise = level_and_noise(values, 4.0, none, unknown=(-1.0, -2.0))
+        assert ((level[0], noise[0]) == (-1.0, -2.0)) != told
+        level, noise = level_and_noise(values, 4.0, none)
+        assert (noise[0] == 2.0) != told
+        if not told:
+            assert values.min() - 2.0 <= level[0] <= values.min() + 2.0
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4, 0.6])
+def test_a_sky_that_is_clipped_at_black_keeps_its_level_and_noise(share):
+    values = np.random.default_rng(7).standard_normal((1, 40_000))
+    black = np.quantile(values, share)
+    level, noise = level_and_noise(np.maximum(values, black), 0.0, values <= black)
+    assert level[0] == pytest.approx(0.0, abs=0.03) and noise[0] == pytest.approx(1.0, abs=0.03)
+
+
+def test_medians_are_the_upper_of_two():
+    assert medians(np.array([[4.0, 1.0, 3.0, 2.0], [1.0, 1.0, 5.0, 9.0]])).tolist() == [3.0, 5.0]
+    assert medians(np.array([[3.0, 1.0, 2.0]])).tolist() == [2.0]
+
+
+@pytest.mark.parametrize("radius", [0, 1, 3])
+def test_the_brightest_pixel_is_looked_for_within_a_radius_and_the_frame(radius):
+    for place in ((10, 12), (0, 0), (29, 19)):
+        for across in (-1, 1):
+            for reach, found in ((radius, True), (radius + 1, False)):
+                at = place[0] + across * reach
+                if not 0 <= at < 30:
+                    continue
+                image = np.zeros((20, 30), dtype=np.uint16)
+                image[place[1], at] = 9
+                peak = peak_pixels(image, [place], radius=radius)[0]
+                assert (peak.tolist() == [at, place[1]]) == found
+    assert np.isnan(peak_pixels(image, [(30.0, 3.0)], radius=radius)).all()
+    assert np.isnan(peak_pixels(np.full((9, 9), np.nan), [(3.0, 3.0)], radius=radius)).all()
