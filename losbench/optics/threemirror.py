@@ -15,31 +15,13 @@ from numpy.typing import ArrayLike
 from losbench.arrays import Floats
 from losbench.checks import finite, integer, number, positive, shaped
 from losbench.optics.camera import Camera
+from losbench.optics.poses import Moved
+from losbench.optics.rays import Rays, disc, meet
 
-__all__ = ["OPTICS", "Rays", "ThreeMirror"]
+__all__ = ["OPTICS", "ThreeMirror"]
 
 OPTICS = ("M1", "M2", "M3", "FP")
 _RINGS = 4
-
-
-@dataclass(frozen=True)
-class Rays:
-    """Rays in flight, all broadcast against each other.
-
-    Attributes
-    ----------
-    origin_mm : (..., 3) array
-        A point of each ray.
-    direction : (..., 3) array
-        Unit vectors.
-    """
-
-    origin_mm: Floats
-    direction: Floats
-
-    def at(self, length_mm: Floats) -> Floats:
-        """Return the points (..., 3) that lie so far along."""
-        return self.origin_mm + length_mm[..., None] * self.direction
 
 
 @dataclass(frozen=True)
@@ -174,7 +156,7 @@ class ThreeMirror:
         start[..., :2] -= direction[..., :2] / direction[..., 2:] * -start[..., 2:]
         for _ in range(8):  # secant on the linear map from entry to stop, good to 1e-12 mm
             start[..., :2] -= self._miss(start, direction)
-        pupil = _disc(rings) * self.beam_mm / 2.0
+        pupil = disc(rings) * self.beam_mm / 2.0
         across = np.cross(direction, [1.0, 0.0, 0.0])
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
         sideways = np.cross(across, direction)
@@ -219,7 +201,7 @@ class ThreeMirror:
             Of the rays that arrive, in that frame too.
         """
         points: list[Floats] = []
-        moved = None if in_place else _Moved.of(self, motion, growth, bending)
+        moved = None if in_place else Moved.of(self.pivot_mm, motion, growth, bending)
         for i in range(4):
             local = rays if moved is None else moved.enter(i, rays)
             vertex = np.array([0.0, 0.0, self.vertex_z_mm[i]])
@@ -229,7 +211,7 @@ class ThreeMirror:
                 if i == 3:
                     return np.stack(np.broadcast_arrays(*points, flat + vertex)), local.direction
                 bend = (0.0, vertex) if moved is None else moved.bend(i)
-                hit, normal = _meet(
+                hit, normal = meet(
                     Rays(flat, local.direction),
                     1.0 / self.radius_mm[i],
                     self.conic[i],
@@ -347,94 +329,3 @@ class ThreeMirror:
         slopes = np.stack([along_x - at, along_y - at], axis=-1) / step_mm
         slopes = np.where(np.isfinite(slopes), slopes, np.eye(2))
         return np.linalg.solve(slopes, at[..., None])[..., 0]
-
-
-@dataclass(frozen=True)
-class _Moved:
-    """Poses, growths and bendings with axes for spots and rays behind the batch."""
-
-    pivot: Floats  # (4, 3)
-    shift: Floats  # (..., 1, 1, 4, 3)
-    turn: Floats  # (..., 1, 1, 4, 3, 3)
-    size: Floats  # (..., 1, 1, 4)
-    curvature: Floats  # (..., 1, 1, 3)
-
-    @classmethod
-    def of(
-        cls,
-        camera: ThreeMirror,
-        motion: ArrayLike | None,
-        growth: ArrayLike | None,
-        bending: ArrayLike | None,
-    ) -> _Moved:
-        from scipy.spatial.transform import Rotation  # slow to import
-
-        pose = finite("motion", np.zeros((4, 6)) if motion is None else motion)
-        size = 1.0 + finite("growth", np.zeros(4) if growth is None else growth)
-        curvature = finite("bending", np.zeros(3) if bending is None else bending)
-        shaped("motion", pose, ("...", 4, 6))
-        shaped("growth", size, ("...", 4))
-        shaped("bending", curvature, ("...", 3))
-        turn = Rotation.from_rotvec(pose[..., 3:].reshape(-1, 3)).as_matrix()
-        return cls(
-            camera.pivot_mm,
-            pose[..., None, None, :, :3],
-            turn.reshape(*pose.shape[:-1], 3, 3)[..., None, None, :, :, :],
-            size[..., None, None, :],
-            curvature[..., None, None, :],
-        )
-
-    def enter(self, i: int, rays: Rays) -> Rays:
-        """Return the rays as the optic sees them."""
-        back = self.turn[..., i, :, :]
-        off = rays.origin_mm - self.pivot[i] - self.shift[..., i, :]
-        origin = self.pivot[i] + _times(off, back) / self.size[..., i, None]
-        return Rays(origin, _times(rays.direction, back))
-
-    def leave(self, i: int, rays: Rays) -> Rays:
-        """Return the optic's rays as the room sees them."""
-        out = np.swapaxes(self.turn[..., i, :, :], -1, -2)
-        off = _times(rays.origin_mm - self.pivot[i], out) * self.size[..., i, None]
-        return Rays(off + self.pivot[i] + self.shift[..., i, :], _times(rays.direction, out))
-
-    def bend(self, i: int) -> tuple[Floats, Floats]:
-        """Return curvature added to a mirror and the point that it is added about."""
-        return self.curvature[..., i], self.pivot[i]
-
-
-def _times(vectors: Floats, matrix: Floats) -> Floats:
-    """Row vectors (..., 3) times matrices (..., 3, 3)."""
-    return np.matmul(vectors[..., None, :], matrix)[..., 0, :]
-
-
-def _meet(
-    rays: Rays, c: float, k: float, bend: Floats | float, about: Floats
-) -> tuple[Floats, Floats]:
-    """Points where rays that start near the vertex meet a conic, and unit normals.
-
-    Bending adds a paraboloid about a point: with the factor that makes its curvature that of the
-    sag, the surface stays a quadric and the root closed.
-    """
-    square = np.array([1.0, 1.0, 1.0 + k]) * c
-    added = np.asarray(bend * (1.0 - c * (1.0 + k) * about[2]))[..., None] * np.array(
-        [1.0, 1.0, 0.0]
-    )
-    o, d = rays.origin_mm, rays.direction
-    off = o - about
-    up = np.array([0.0, 0.0, 1.0])
-    aa = np.sum((square + added) * d * d, axis=-1)
-    bb = np.sum(d * (square * o - up + added * off), axis=-1)
-    cc = np.sum(square * o * o + added * off * off, axis=-1) - 2.0 * o[..., 2]
-    # The root that stays finite for a flat mirror, without cancellation.
-    hit = rays.at(-cc / (bb + np.copysign(np.sqrt(bb * bb - aa * cc), bb)))
-    normal = square * hit - up + added * (hit - about)
-    return hit, normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-
-
-def _disc(rings: int) -> Floats:
-    """Points of the unit disc, (1 + 3 rings (rings + 1), 2): the middle, then rings of 6, 12 ..."""
-    points = [np.zeros((1, 2))]
-    for ring in range(1, rings + 1):
-        angle = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
-        points.append(ring / rings * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
-    return np.concatenate(points)

@@ -14,7 +14,7 @@ from .model import orbit_loads as orbit_loads
 from .model import read_camera_model as read_camera_model
 from .reduced import ReducedHeat as ReducedHeat
 from .reduced import prepared_camera as prepared_camera
-from .structure import Box as Box
-from .structure import Face as Face
-from .structure import Foot as Foot
+from .shapes import Box as Box
+from .shapes import Face as Face
+from .shapes import Foot as Foot
 from .structure import Structure as Structure

@@ -37,7 +37,8 @@ class Elasticity:
     Examples
     --------
     >>> from losbench.thermoelastic.materials import MATERIALS
-    >>> from losbench.thermoelastic.structure import Box, Foot, Structure
+    >>> from losbench.thermoelastic.shapes import Box, Foot
+    >>> from losbench.thermoelastic.structure import Structure
     >>> feet = {
     ...     "A": Foot((0, 0, 0), "xyz"),
     ...     "B": Foot((0, 0, 100), "xy"),

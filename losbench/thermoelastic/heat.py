@@ -51,7 +51,7 @@ class Heat:
     --------
     >>> from losbench.thermoelastic.loads import Film
     >>> from losbench.thermoelastic.materials import MATERIALS
-    >>> from losbench.thermoelastic.structure import Box, Foot
+    >>> from losbench.thermoelastic.shapes import Box, Foot
     >>> feet = {
     ...     "A": Foot((0, 0, 0), "xyz"),
     ...     "B": Foot((0, 0, 50), "xy"),

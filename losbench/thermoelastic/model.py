@@ -15,7 +15,8 @@ from losbench.resources import data_file
 from losbench.thermoelastic.camera import ThermoelasticCamera
 from losbench.thermoelastic.loads import Feet, Film, Flux, Load, Power, radiation
 from losbench.thermoelastic.materials import MATERIALS, Material
-from losbench.thermoelastic.structure import Box, Face, Foot, Structure
+from losbench.thermoelastic.shapes import Box, Face, Foot
+from losbench.thermoelastic.structure import Structure
 
 __all__ = ["MATERIAL_SETS", "example_camera", "orbit_loads", "read_camera_model"]
 

@@ -9,7 +9,8 @@ import pytest
 
 from losbench.optics.design import anastigmat, design_three_mirror, seidel_sums
 from losbench.optics.jacobian import apart, jacobian_table, los_angles, los_jacobian
-from losbench.optics.threemirror import Rays, ThreeMirror
+from losbench.optics.rays import Rays
+from losbench.optics.threemirror import ThreeMirror
 
 ARCSEC = np.radians(1 / 3600)
 CAMERA = ThreeMirror(

@@ -9,7 +9,8 @@ import losbench as lb
 from losbench.thermoelastic.heat import Heat, ramps
 from losbench.thermoelastic.loads import Feet, Film, Flux, Power, radiation
 from losbench.thermoelastic.materials import MATERIALS
-from losbench.thermoelastic.structure import Box, Foot, Structure
+from losbench.thermoelastic.shapes import Box, Foot
+from losbench.thermoelastic.structure import Structure
 
 AL, SIC = MATERIALS["Al 6061"], MATERIALS["SiC"]
 

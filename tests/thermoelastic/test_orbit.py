@@ -13,7 +13,8 @@ from losbench.thermoelastic.heat import Heat
 from losbench.thermoelastic.loads import Power, radiation
 from losbench.thermoelastic.materials import MATERIALS
 from losbench.thermoelastic.model import example_camera, orbit_loads
-from losbench.thermoelastic.structure import Box, Foot, Structure
+from losbench.thermoelastic.shapes import Box, Foot
+from losbench.thermoelastic.structure import Structure
 
 PERIOD_S, EMISSIVITY = 5400.0, 0.029
 MEAN = {"sun_W_per_m2": 1361.0 / np.pi, "earth_W_per_m2": 230.0, "electronics_W": 5.0 / 3.0}

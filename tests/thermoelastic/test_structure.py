@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from losbench.optics.jacobian import los_jacobian
-from losbench.optics.threemirror import Rays, ThreeMirror
+from losbench.optics.rays import Rays
+from losbench.optics.threemirror import ThreeMirror
 from losbench.thermoelastic.elastic import Elasticity
 from losbench.thermoelastic.materials import MATERIALS, Material
-from losbench.thermoelastic.structure import Box, Face, Foot, Structure
+from losbench.thermoelastic.shapes import Box, Face, Foot
+from losbench.thermoelastic.structure import Structure
 
 AL, INVAR = MATERIALS["Al 6061"], MATERIALS["Invar 36"]
 OPTICS = ThreeMirror(
