@@ -191,7 +191,7 @@ class Lab:
         page.evaluate(_READY)
         page.evaluate(_WATCH)
 
-    def run_all(self, page: Any, *, timeout_s: float = 180.0) -> None:
+    def run_all(self, page: Any, *, timeout_s: float = 400.0) -> None:
         """Run every cell of the notebook in front; raise if one of them fails."""
         page.evaluate(_RUN_ALL)
         page.wait_for_timeout(300)

@@ -5,7 +5,6 @@ import pytest
 
 import losbench as lb
 from losbench.imaging.background import _inverse_normal
-from losbench.imaging.finder import _is_hot
 from losbench.imaging.hotpixels import gate_hot_pixels
 from losbench.imaging.sizes import spot_sigma
 from losbench.imaging.smeared.cutting import cut_windows
@@ -69,15 +68,17 @@ def test_a_hot_pixel_exceeds_twice_the_median_by_five_sigma():
     assert gate_hot_pixels(stamp, np.array([3.0]))[0, 0, 4] == 1e4, "the border is left as it is"
 
 
-def test_a_lone_pixel_is_judged_by_the_four_that_touch_it():
-    for place in ((4, 6), (4, 2), (6, 4), (2, 4)):
-        signal = np.zeros((9, 9))
-        signal[4, 4], signal[place] = 100.0, 90.0
-        assert _is_hot(signal, np.array([4]), np.array([4]))
-    for place in ((4, 5), (4, 3), (5, 4), (3, 4)):
-        signal = np.zeros((9, 9))
-        signal[4, 4], signal[place] = 100.0, 90.0
-        assert not _is_hot(signal, np.array([4]), np.array([4]))
+@pytest.mark.parametrize("step", [(0, 1), (0, -1), (1, 0), (-1, 0)])
+def test_a_lone_pixel_is_judged_by_the_four_that_touch_it(step):
+    """Hot below 0.3 of its light in the four; the neighbour itself stays below the threshold of 8."""
+    sky = np.random.default_rng(4).standard_normal((64, 64))
+    sky[30:37, 30:37] = 0.0
+    for share, light in ((0.25, 0), (0.35, 1)):
+        frame = sky.copy()
+        frame[33, 33], frame[33 + step[0], 33 + step[1]] = 20.0, share * 20.0
+        assert len(lb.find_spots(frame)) == light
+        frame[33 + step[0], 33 + step[1]], frame[33 + 2 * step[0], 33 + 2 * step[1]] = 0.0, 7.0
+        assert not len(lb.find_spots(frame)), "farther pixels do not count"
 
 
 @pytest.mark.parametrize("sigma", [(3.0, 2.0), (2.0, 3.0)])

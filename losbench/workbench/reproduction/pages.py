@@ -142,9 +142,10 @@ table {{ border-collapse: collapse; margin: 1rem 0 }}
 th, td {{ text-align: left; vertical-align: top; padding: .3rem .6rem; border-bottom: 1px solid #ddd }}
 th {{ position: sticky; top: 0; background: #f4f4f4 }}
 .claimed, .ours, .odds {{ text-align: right; font-variant-numeric: tabular-nums }}
-.id, .claimed, .ours, .odds, .under {{ white-space: nowrap }}
-.quantity {{ min-width: 12rem }}
-.reason {{ min-width: 16rem; overflow-wrap: anywhere }}
+.id, .odds, .under {{ white-space: nowrap }}
+td {{ overflow-wrap: anywhere }}
+.quantity {{ min-width: 9rem }}
+.reason {{ min-width: 12rem }}
 small {{ display: block; color: #555 }}
 COLOURS</style></head><body>
 <p><a href="html/index.html">All notebooks</a> · <a href="replication.html">Replication report</a></p>
