@@ -195,6 +195,40 @@ def test_outliers_that_cost_least_squares_its_k_leave_irls_with_it():
     assert (robust.weights[-40::4] < 0.05).all()
 
 
+@pytest.mark.parametrize(
+    ("chosen", "named"),
+    [
+        (lb.IRLS("cauchy"), {"method": "irls", "loss": "cauchy"}),
+        (lb.LeastSquares(), {"solver": "ls"}),
+        (lb.MM(seed=1), {"solver": lb.MM(seed=1)}),
+        (lb.LTS(seed=1), {"method": lb.LTS(seed=1)}),
+    ],
+)
+def test_a_solver_is_an_object_or_its_name(chosen, named):
+    angles = drift(ROOM_DEGC, noise=2e-7, seed=3)
+    angles[::9] += 5e-5
+    fit = lb.fit_sensitivity(ROOM_DEGC, angles, solver=chosen)
+    same = lb.fit_sensitivity(ROOM_DEGC, angles, **named)
+    np.testing.assert_array_equal(fit.k, same.k)
+    np.testing.assert_array_equal(fit.k_interval, same.k_interval)
+    design = np.column_stack([np.ones_like(ROOM_DEGC), ROOM_DEGC - fit.reference_degC])
+    np.testing.assert_allclose(fit.k[1], chosen.fit(design, angles[:, 1]).x[1], rtol=1e-12)
+
+
+def test_it_is_the_small_case_of_identify():
+    angles = drift(ROOM_DEGC, noise=1e-6, seed=4)[:, :2]
+    fit = lb.fit_sensitivity(ROOM_DEGC, angles, time_s=TIME_S, lag_s="fit")
+    model = lb.terms.Offset() + lb.terms.Lagged("room", tau_s="spectrum")
+    found = lb.identify(model, angles, {"room": ROOM_DEGC}, TIME_S)
+    np.testing.assert_allclose(fit.k_at_rest_arcsec_per_degC, found.sensitivity[:, 0])
+    np.testing.assert_allclose(fit.k_interval_arcsec_per_degC, found.interval[:, 0])
+    np.testing.assert_array_equal(fit.lag_state, found.tau_state[:, 0])
+    np.testing.assert_allclose(fit.k_interval.mean(axis=-1), fit.k_at_rest, rtol=1e-9)
+    np.testing.assert_array_equal(fit.weights, found.weights)
+    plain = lb.fit_sensitivity(ROOM_DEGC, angles, solver="ls", errors="white")
+    np.testing.assert_allclose(plain.k_at_rest, plain.k, rtol=1e-9)
+
+
 def test_a_missing_sample_is_a_sample_left_out():
     angles, temperature = drift(ROOM_DEGC, noise=1e-6, seed=4), ROOM_DEGC.copy()
     angles[100, 1] = np.nan
@@ -309,8 +343,16 @@ ANGLE = 1e-6 * ROOM_DEGC
             r"time_s must have shape \(400,\) to match temperature_degC, got \(399,\)",
         ),
         (
-            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, method="mm"),
-            "method must be one of 'irls', 'ls', got 'mm'",
+            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, method="best"),
+            "method must be one of 'irls', 'ls', 'lts', 'mm', got 'best'",
+        ),
+        (
+            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, solver=lb.MM(), loss="cauchy"),
+            "loss belongs to the solver",
+        ),
+        (
+            lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, solver="ls", method="ls"),
+            "solver and method are one thing",
         ),
         (
             lambda: lb.fit_sensitivity(ROOM_DEGC, ANGLE, confidence=95),

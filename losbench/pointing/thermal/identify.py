@@ -54,6 +54,8 @@ class Identification:
         identifiable".
     noise : tuple of Noise
         For each axis.
+    weights : (n, ...) array
+        The solver's, of each sample; 0 where a sample was not used.
     rejected : (n, ...) bool array
         Samples beyond four robust sigma, which the intervals leave out.
     residuals : (n, ...) array
@@ -77,6 +79,7 @@ class Identification:
     tau_interval_s: Floats
     tau_state: NDArray[np.str_]
     noise: tuple[Noise, ...]
+    weights: Floats
     rejected: Bools
     residuals: Floats
     condition: Floats
@@ -186,14 +189,20 @@ def identify(
     level = number("confidence", confidence, low=0.0, high=1.0)
     chosen = as_part(read_solver(solver, None, default="irls"))
     axes = [fit_axis(design, column, chosen, errors, level, sensors) for column in series.T]
-    failed = sum(not axis.converged for axis in axes)
+    found = _joined(design.model.labels, axes, design, np.ndim(angles) == 1)
+    warn_unsettled(found.converged, stacklevel=3)
+    return found
+
+
+def warn_unsettled(converged: Bools, *, stacklevel: int) -> None:
+    """Warn once of the axes (...) that did not converge."""
+    failed = int(np.size(converged) - np.sum(converged))
     if failed:
         warnings.warn(
-            f"{failed} of {len(axes)} axes did not converge, see .converged",
+            f"{failed} of {np.size(converged)} axes did not converge, see .converged",
             RuntimeWarning,
-            stacklevel=2,
+            stacklevel=stacklevel,
         )
-    return _joined(design.model.labels, axes, design, np.ndim(angles) == 1)
 
 
 def _joined(
@@ -221,6 +230,7 @@ def _joined(
         tau_interval_s=stack("tau_interval_s"),
         tau_state=stack("tau_state"),
         noise=tuple(axis.noise for axis in axes),
+        weights=stack("weights", last=True),
         rejected=stack("rejected", last=True),
         residuals=stack("residuals", last=True),
         condition=stack("condition"),

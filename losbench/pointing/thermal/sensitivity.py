@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats
-from losbench.checks import boolean, choice, finite_or_nan, increasing, number, positive, shaped
-from losbench.estimation.losses import Huber, Loss
+from losbench.checks import boolean, finite_or_nan, increasing, number, positive, shaped
+from losbench.estimation.losses import Loss
 from losbench.estimation.robust.scales import Scale
-from losbench.estimation.solvers import IRLS, LeastSquares, Solver, as_part
-from losbench.pointing.thermal.axis import fit_axis
-from losbench.pointing.thermal.design import Design, bind
+from losbench.estimation.solvers import Solver, read_solver
+from losbench.pointing.thermal.identify import Identification, identify, warn_unsettled
 from losbench.pointing.thermal.lag import lagged
 from losbench.pointing.thermal.terms import Lagged, Linear, Offset
-from losbench.units import rad_to_arcsec
+from losbench.units import arcsec_to_rad, rad_to_arcsec
 
 __all__ = ["SensitivityFit", "fit_sensitivity"]
 
@@ -38,10 +37,10 @@ class SensitivityFit:
     k : (...,) array
         Sensitivity at the reference temperature by the solver, with its one lag, radians per
         degree.
-    k_interval : (..., 2) array
-        Confidence interval of the sensitivity at rest. With a fitted lag it is that of the sum over
-        all lags, for one lag is a wrong law for most structures: it is wider than the scatter of
-        ``k``, and need not lie about it.
+    k_at_rest, k_interval : (...), (..., 2) arrays
+        Sensitivity at rest and its confidence interval. With a fitted lag both are of the sum over
+        all lags, for one lag is a wrong law for most structures: the interval is wider than the
+        scatter of ``k``, and need not hold it.
     offset, quadratic : (...,) arrays
         Angle at the reference temperature, radians, and curvature, radians per degree squared (zero
         unless fitted).
@@ -65,6 +64,7 @@ class SensitivityFit:
     """
 
     k: Floats
+    k_at_rest: Floats
     k_interval: Floats
     offset: Floats
     quadratic: Floats
@@ -82,6 +82,11 @@ class SensitivityFit:
     def k_arcsec_per_degC(self) -> Floats:
         """Sensitivity in arcseconds per degree."""
         return rad_to_arcsec(self.k)
+
+    @property
+    def k_at_rest_arcsec_per_degC(self) -> Floats:
+        """Sensitivity at rest, which the interval is about, in arcseconds per degree."""
+        return rad_to_arcsec(self.k_at_rest)
 
     @property
     def k_interval_arcsec_per_degC(self) -> Floats:
@@ -113,11 +118,12 @@ def fit_sensitivity(
     time_s: ArrayLike | None = None,
     lag_s: float | Literal["fit"] | None = None,
     quadratic: bool = False,
-    method: Literal["irls", "ls"] = "irls",
-    loss: Loss | None = None,
-    scale: Scale = "mad",
+    solver: Solver | str | None = None,
     errors: Literal["ou+white", "white"] = "ou+white",
     confidence: float = 0.95,
+    method: Solver | str | None = None,
+    loss: Loss | str | None = None,
+    scale: Scale | None = None,
 ) -> SensitivityFit:
     """Fit line-of-sight angles as a function of one temperature, one fit per axis.
 
@@ -137,16 +143,17 @@ def fit_sensitivity(
         straight between its samples.
     quadratic : bool
         Fit a curvature as well.
-    method : "irls" or "ls"
-        Robust, or least squares.
-    loss : loss object, optional
-        For "irls"; Huber(1.345) unless given.
-    scale : str or float
-        For "irls": as `irls` takes it.
+    solver : IRLS(...), LeastSquares(), LTS(...), MM(...), their name, or any with a ``fit``
+        Makes the unknowns, as for `identify`; `IRLS` unless given.
     errors : "ou+white" or "white"
         Whether errors have a memory, as for `identify`.
     confidence : float
         Of the intervals, as for `identify`.
+    method
+        Second word for ``solver``.
+    loss, scale
+        Beside a solver's name, its options: ``method="irls", loss="cauchy"`` is
+        ``solver=IRLS("cauchy")``.
 
     Returns
     -------
@@ -155,8 +162,8 @@ def fit_sensitivity(
     Raises
     ------
     ValueError
-        If shapes do not match, the temperature does not vary, samples are too few or a lag comes
-        without times.
+        If shapes do not match, the temperature does not vary, samples are too few, a lag comes
+        without times, or options come beside a solver that is an object.
 
     Examples
     --------
@@ -177,14 +184,9 @@ def fit_sensitivity(
     lag = 0.0
     if lag_s is not None and not fitted:
         lag = float(positive("lag_s", number("lag_s", lag_s)))
-    choice("method", method, ("irls", "ls"))
-    choice("errors", errors, ("ou+white", "white"))
+    chosen = read_solver(solver, method, default="irls", loss=loss, scale=scale)
     degree = 2 if boolean("quadratic", quadratic) else 1
     time = _times(time_s, temperature, needed=lag_s is not None)
-    level = number("confidence", confidence, low=0.0, high=1.0)
-    solver: Solver = LeastSquares()
-    if method == "irls":
-        solver = IRLS(Huber() if loss is None else loss, scale=scale, on_fail="ignore")
     for column in series.reshape(temperature.size, -1).T:
         used = np.isfinite(column) & np.isfinite(temperature)
         _check_enough(temperature[used], degree + 1, degree + 1 + fitted)
@@ -193,43 +195,43 @@ def fit_sensitivity(
         # Nobody says here that one lag is the law, so the interval is to hold for any lags.
         term = Lagged(_NAME, tau_s="spectrum" if fitted else lag, degree=degree)
     clock = np.arange(float(temperature.size)) if time is None else time
-    design = bind(Offset() + term, {_NAME: temperature}, clock)
-    fits = [
-        _fit(design, column, as_part(solver), errors, level, lag)
-        for column in series.reshape(temperature.size, -1).T
-    ]
-    failed = sum(not fit.converged for fit in fits)
-    if failed:
-        warnings.warn(
-            f"{failed} of {len(fits)} axes did not converge, see .converged",
-            RuntimeWarning,
-            stacklevel=2,
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # said below, of the user's own line
+        found = identify(
+            Offset() + term,
+            series,
+            {_NAME: temperature},
+            clock,
+            solver=chosen,
+            errors=errors,
+            confidence=confidence,
         )
-    return _join(fits) if series.ndim > 1 else fits[0]
+    warn_unsettled(found.converged, stacklevel=3)
+    return _of(found, lag)
 
 
-def _fit(
-    design: Design, angle: Floats, solver: Solver, errors: str, level: float, lag: float
-) -> SensitivityFit:
-    """Fit one axis (n,)."""
-    axis = fit_axis(design, angle, solver, errors, level, {})
-    fitted = bool(design.lags)
-    left = axis.residuals[np.isfinite(axis.residuals)]
-    state = str(axis.tau_state[0]) if fitted else "given"
+def _of(found: Identification, lag_s: float) -> SensitivityFit:
+    """Return the numbers of the only sensor."""
+    shape = found.sensitivity.shape[:-1]
+    x = found.fitted.coefficients.reshape(*shape, -1)
+    fitted = found.tau_state.shape[-1] > 0
+    states = found.tau_state[..., 0] if fitted else np.full(shape, "given")
+    tests = [test.f_p_value for test in found.lack_of_fit]
     return SensitivityFit(
-        k=axis.coefficients[1],
-        k_interval=axis.interval[0],
-        offset=axis.coefficients[0],
-        quadratic=np.asarray(axis.coefficients[2] if axis.coefficients.size > 2 else 0.0),
-        lag_s=np.asarray(axis.point_tau_s[0] if fitted else lag),
-        lag_interval_s=axis.tau_interval_s[0] if fitted else np.full(2, np.nan),
-        lag_state=np.asarray(state),
-        one_lag_p_value=np.asarray(axis.lack_of_fit.f_p_value),
-        reference_degC=design.reference[_NAME],
-        rms=np.sqrt(np.mean(left**2)),
-        residuals=-axis.residuals,
-        weights=axis.weights,
-        converged=np.asarray(axis.converged),
+        k=x[..., 1],
+        k_at_rest=arcsec_to_rad(found.sensitivity[..., 0]),
+        k_interval=arcsec_to_rad(found.interval[..., 0, :]),
+        offset=x[..., 0],
+        quadratic=x[..., 2] if x.shape[-1] > 2 else np.zeros(shape),
+        lag_s=found.fitted.tau_s.reshape(shape) if fitted else np.full(shape, lag_s),
+        lag_interval_s=found.tau_interval_s[..., 0, :] if fitted else np.full((*shape, 2), np.nan),
+        lag_state=states,
+        one_lag_p_value=np.reshape(tests, shape),
+        reference_degC=found.fitted.reference[_NAME],
+        rms=np.sqrt(np.nanmean(found.residuals**2, axis=0)),
+        residuals=-found.residuals,
+        weights=found.weights,
+        converged=found.converged,
     )
 
 
@@ -258,16 +260,3 @@ def _check_enough(temperature: Floats, levels: int, unknowns: int) -> None:
         raise ValueError(
             f"temperature_degC must take at least {levels} values for a quadratic fit, got 2"
         )
-
-
-def _join(fits: list[SensitivityFit]) -> SensitivityFit:
-    """Fits of single axes as one, the axes leading but for series."""
-    joined = {
-        field.name: np.stack(
-            [getattr(fit, field.name) for fit in fits],
-            axis=-1 if field.name in {"residuals", "weights"} else 0,
-        )
-        for field in fields(SensitivityFit)
-        if field.name != "reference_degC"
-    }
-    return SensitivityFit(reference_degC=fits[0].reference_degC, **joined)
