@@ -9,45 +9,28 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from losbench.arrays import Bools, Floats
+from losbench.arrays import Bools
 from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
-from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.results import Centroids, SpotFlag
-from losbench.imaging.sizes import window_in_first
 from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
+from losbench.recording.survey import Survey
 from losbench.recording.track import Track
 
-__all__ = ["follow"]
+__all__ = ["follow", "measured"]
 
 
 def follow(
     recording: Recording,
     stamp: Stamp,
-    start: Floats,
-    method: CentroidMethod,
+    survey: Survey,
     background: Background,
     *,
     block: int,
     bar: tqdm[Any],
 ) -> Track:
-    """Follow the spots of one stamp: every block of frames starts where the one before saw each
-    spot last.
-
-    Parameters
-    ----------
-    recording, stamp
-        Where the frames come from.
-    start : (n, 2) array, pixels of the stamp
-        Where the spots are in the first frame.
-    method, background
-        As for `centroid`; the window, and the width of a template, are chosen in the first block
-        and then stay.
-    block : int
-        Frames in memory at a time.
-    bar : tqdm
-        Told of every block.
+    """Follow the spots of one stamp through all frames, ``block`` of them in memory at a time.
 
     Returns
     -------
@@ -55,48 +38,51 @@ def follow(
         In pixels of the detector, with the frames that could not be read and why.
     """
     parts: list[Track] = []
-    skipped: dict[int, str] = {}
-    last = start
-    how = replace(method, centre=method.centre or "peak")
+    for first in range(0, recording.n_frames, block):
+        last = min(first + block, recording.n_frames)
+        parts.append(measured(recording, stamp, survey, background, first, last))
+        bar.update(last - first)
+    track = Track.one_after_another(parts)
+    return replace(track, xy=track.xy + np.array(stamp.origin_px))
 
+
+def measured(
+    recording: Recording,
+    stamp: Stamp,
+    survey: Survey,
+    background: Background,
+    first: int,
+    last: int,
+) -> Track:
+    """Measure frames ``first`` to ``last`` (excluded), in pixels of the stamp: what comes out rests
+    on the survey and on these frames alone.
+    """
+    read = stamp.read(first, last, skip=recording.skip_unreadable)
+    frames, good = read.frames, read.good
+    expected = survey.predicted(first, last)
+    if not good.any():
+        return replace(_unseen(*expected.shape[:2]), skipped=read.skipped)
     see = partial(
         centroid,
+        method=survey.method,
         background=background,
         detector=recording.detector,
         full_scale_dn=recording.full_scale_dn,
     )
-    for first in range(0, recording.n_frames, block):
-        read = stamp.read(
-            first, min(first + block, recording.n_frames), skip=recording.skip_unreadable
-        )
-        skipped |= read.skipped
-        frames, good = read.frames, read.good
-        if not good.any():
-            parts.append(_unseen(len(frames), len(start)))
-        else:
-            if how.window is None:
-                how = replace(how, window=window_in_first(frames[good][0], last))
-            seen = see(frames, last, method=how)
-            if how.template:
-                how = replace(how, width=seen.width_px)
-            part = _track(seen, good)
-            # Spots that wander out of reach within a block are followed frame by frame.
-            if len(frames) > 1 and not part.stays_near(last, good, max(2, seen.window // 4) - 0.5):
-                steps = []
-                for k in range(len(frames)):
-                    one = slice(k, k + 1)
-                    steps.append(
-                        _track(see(frames[one], last, method=how), good[one])
-                        if good[k]
-                        else _unseen(1, len(start))
-                    )
-                    last = steps[-1].last_seen(last)
-                part = Track.one_after_another(steps)
-            parts.append(part)
-            last = part.last_seen(last)
-        bar.update(len(frames))
-    track = Track.one_after_another(parts)
-    return replace(track, xy=track.xy + np.array(stamp.origin_px), skipped=skipped)
+    seen = see(frames, expected)
+    track = _track(seen, good)
+    # Spots that wander out of reach within a block are followed frame by frame.
+    if len(frames) > 1 and not track.stays_near(expected, good, max(2, seen.window // 4) - 0.5):
+        steps, at = [], expected[0]
+        for k in range(len(frames)):
+            one = slice(k, k + 1)
+            if good[k]:
+                steps.append(_track(see(frames[one], at), good[one]))
+                at = steps[-1].last_seen(at)
+            else:
+                steps.append(_unseen(1, len(at)))
+        track = Track.one_after_another(steps)
+    return replace(track, skipped=read.skipped)
 
 
 def _track(seen: Centroids, good: Bools) -> Track:

@@ -26,6 +26,7 @@ from losbench.recording.readers import Recording
 from losbench.recording.reference import shifts_from
 from losbench.recording.run import Run
 from losbench.recording.starts import check_shape, first_places
+from losbench.recording.survey import survey
 from losbench.recording.table import measurement_table, temperatures
 from losbench.recording.track import Track
 
@@ -62,9 +63,9 @@ def measure(
         Interpolated to the frames' times.
     centroid : EIWA, Weighted, Grey, Gaussian, or the name of one, optional
         As ``method`` of `centroid`; by default `EIWA`. A window, and the width of a template, that
-        are not given are chosen in the first block of frames and then stay. Every block starts on
-        the brightest pixels, unless ``centre`` says otherwise. With ``smooth``, the positions are
-        smoothed before shifts are taken.
+        are not given are chosen on up to 64 frames spread over the recording, and then hold for
+        all. Every frame starts on the brightest pixels, unless ``centre`` says otherwise. With
+        ``smooth``, the positions are smoothed before shifts are taken.
     background : Ring, Level, None, "ring", "none" or float
         As for `centroid`.
     solver : Angles, IRLS, LeastSquares, LTS, MM, or the name of a solver, optional
@@ -106,7 +107,8 @@ def measure(
     with work.bar(recording.n_frames * len(recording.stamps)) as bar:
         tracks = []
         for stamp, start in zip(recording.stamps, places, strict=True):
-            tracks.append(follow(recording, stamp, start, raw, under, block=work.block, bar=bar))
+            plan = survey(recording, stamp, start, raw, under)
+            tracks.append(follow(recording, stamp, plan, under, block=work.block, bar=bar))
     track = Track.side_by_side(tracks)
     xy, sigma, flags = track.xy, track.sigma, track.flags
     notes = notes_on_frames(track, recording.detector)

@@ -49,5 +49,5 @@ class Track:
         return before
 
     def stays_near(self, start: Floats, good: Bools, reach: float) -> bool:
-        """Whether every readable frame shows every spot, well within reach of the start."""
-        return bool((np.abs(self.xy[good] - start) < reach).all())
+        """Whether each readable frame shows every spot, within reach of the start (F, n, 2)."""
+        return bool((np.abs(self.xy - start)[good] < reach).all())

@@ -146,16 +146,22 @@ def test_belief_is_in_the_report_and_shows_itself(tmp_path):
     ids=str,
 )
 def test_a_call_enters_no_file_more_than_twice(options):
-    """Runs of calls in one file. Apart: readers, checks of fields, and what one linear solve does."""
+    """Runs of calls in one file. Apart: readers, checks of fields, what one linear solve does, and
+    the survey, which goes the same way frame by frame.
+    """
     run, root = recording(n=20, drift_px=0.0), Path(lb.__file__).parent
     lb.measure(run, CAMERA, **options)
-    stays = []
+    stays, surveying = [], []
 
     def note(frame, event, _):
         path = Path(frame.f_code.co_filename)
-        if event != "call" or not path.is_relative_to(root):
+        if event not in ("call", "return") or not path.is_relative_to(root):
             return
         name = str(path.relative_to(root))
+        if (name, frame.f_code.co_name) == ("recording/survey.py", "survey"):
+            surveying[:] = ["on"] if event == "call" else []
+        if event == "return" or surveying:
+            return
         checks = name in CHECKS or frame.f_code.co_name in CHECKING
         if checks or name.startswith(("recording/frames", "estimation", "pointing/attitude")):
             return

@@ -1,0 +1,161 @@
+"""What is fixed before a recording is measured, by frames spread over it: where its spots are to
+be expected, and how each is measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from losbench.arrays import Floats, Ints, Pixels
+from losbench.imaging.background import RING, Background
+from losbench.imaging.centroid import centroid
+from losbench.imaging.places import evenly, in_frame
+from losbench.imaging.protocols import CentroidMethod
+from losbench.imaging.results import SpotFlag
+from losbench.imaging.sizes import window_in_first
+from losbench.imaging.stamps import cut_stamps
+from losbench.recording.readers import Recording
+from losbench.recording.stamps import Stamp
+
+__all__ = ["Survey", "survey"]
+
+
+_EVERY = 64  # frames from one node of the path to the next, in a long recording
+_MOST = 64  # frames that are looked at closely
+_KEPT = 2**25  # pixels that are kept of them
+_MARGIN = 2  # pixels, in which a window finds its spot
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What holds for every frame of a recording, whatever part of it is measured where.
+
+    Attributes
+    ----------
+    frames : (K,) array of int
+        Numbers of the frames that were looked at, from the first to the last.
+    path : (K, n, 2) array, pixels of the stamp
+        Where the spots are in them; NaN where one was not seen.
+    start : (n, 2) array, pixels of the stamp
+        Where they were looked for in the first.
+    method : CentroidMethod
+        With its window, and the width of its template.
+    """
+
+    frames: Ints
+    path: Floats
+    start: Floats
+    method: CentroidMethod
+
+    def predicted(self, first: int, last: int) -> Floats:
+        """Where the spots are to be expected in frames ``first`` to ``last`` (excluded), (F, n, 2):
+        on straight lines between where they were seen.
+        """
+        wanted = np.arange(first, last)
+        expected = np.empty((len(wanted), *self.start.shape))
+        for spot, start in enumerate(self.start):
+            seen = np.isfinite(self.path[:, spot, 0])
+            for axis in range(2):
+                expected[:, spot, axis] = (
+                    np.interp(wanted, self.frames[seen], self.path[seen, spot, axis])
+                    if seen.any()
+                    else start[axis]
+                )
+        return expected
+
+
+def survey(
+    recording: Recording,
+    stamp: Stamp,
+    start: Floats,
+    method: CentroidMethod,
+    background: Background,
+) -> Survey:
+    """Follow the spots of a stamp through frames spread over the recording, and fix what is left
+    open in the method: window, and width of a template.
+
+    Parameters
+    ----------
+    recording, stamp
+        Where the frames come from.
+    start : (n, 2) array, pixels of the stamp
+        Where the spots are in the first frame.
+    method, background
+        As for `centroid`.
+    """
+    n = recording.n_frames
+    nodes = evenly(n, max(_MOST, -(-(n - 1) // _EVERY) + 1))
+    how = replace(method, centre=method.centre or "peak")
+    path = np.full((len(nodes), *start.shape), np.nan)
+    close: dict[int, Pixels] = {}
+    last, look, reach, looked = start, how, 0, np.array([], dtype=np.intp)
+    for node, k in enumerate(nodes.tolist()):
+        read = stamp.read(k, k + 1, skip=recording.skip_unreadable)
+        if not read.good[0]:
+            continue
+        if not reach:
+            window = how.window or window_in_first(read.frames[0], last)
+            how = replace(how, window=window)
+            look = replace(how, width=window / 6.0) if _open(how) else how
+            reach = max(window, background.side or 0) // 2 + RING + _MARGIN
+            room = max(3, _KEPT // (len(start) * (2 * reach + 1) ** 2))
+            looked = evenly(len(nodes), min(_MOST, room))
+        seen = centroid(
+            read.frames,
+            last,
+            method=look,
+            background=background,
+            detector=recording.detector,
+            full_scale_dn=recording.full_scale_dn,
+        )
+        lost = seen.flags[0] & SpotFlag.NOT_CONVERGED > 0
+        path[node] = np.where(lost[:, None], np.nan, seen.xy[0])
+        last = np.where(np.isnan(path[node]), last, path[node])
+        if node in looked:
+            close[node] = side_by_side(read.frames, path[node], reach)
+    if _open(how) and close:
+        how = replace(how, width=_width(how, background, recording, path, close))
+    return Survey(nodes, path, start, how)
+
+
+def _open(method: CentroidMethod) -> bool:
+    return method.template and method.width is None
+
+
+def side_by_side(frames: Pixels, places: Floats, reach: int) -> Pixels:
+    """Squares around the spots (n, 2) of one frame (1, rows, columns), cut out and laid side by
+    side, (2 reach + 1, n (2 reach + 1)); NaN beyond the frame, and for a spot that is missing.
+    """
+    _, spot, middle = in_frame(frames, places[None])
+    side = 2 * reach + 1
+    row = np.full((len(places), side, side), np.nan, np.result_type(frames.dtype, np.float32))
+    row[spot] = cut_stamps(frames, np.zeros(len(spot), np.intp), middle, reach)
+    return row.swapaxes(0, 1).reshape(side, -1)
+
+
+def places_side_by_side(path: Floats, reach: int) -> Floats:
+    """Where spots (K, n, 2) are in `side_by_side`."""
+    corner = np.rint(path) - reach
+    corner[..., 0] -= (2 * reach + 1) * np.arange(path.shape[1])
+    return path - corner
+
+
+def _width(
+    how: CentroidMethod,
+    background: Background,
+    recording: Recording,
+    path: Floats,
+    close: dict[int, Pixels],
+) -> Floats | None:
+    """Width (n, 2) of the template of each spot."""
+    stack = np.stack(list(close.values()))
+    return centroid(
+        stack,
+        places_side_by_side(path[list(close)], len(stack[0]) // 2),
+        method=replace(how, centre="start"),
+        background=background,
+        detector=recording.detector,
+        full_scale_dn=recording.full_scale_dn,
+    ).width_px

@@ -1,0 +1,72 @@
+"""What is fixed before a recording is measured, and where its spots are then expected."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.imaging.background import Ring
+from losbench.recording.survey import Survey, places_side_by_side, side_by_side, survey
+
+SENSOR = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
+SPOTS = np.array([[30.0, 25.0], [60.0, 30.0]])
+
+
+def drifting(n, speed_px=0.1, seed=1):
+    truth = SPOTS + speed_px * np.arange(n)[:, None, None] * [1.0, 0.5]
+    light = lb.render_spots(truth, 5e4, 2.0, (70, 100)) + 30.0
+    return lb.read_recording(SENSOR.expose(light, seed), detector=SENSOR), truth
+
+
+def surveyed(recording, method=None):
+    return survey(recording, recording.stamps[0], SPOTS, method or lb.EIWA(), Ring())
+
+
+@pytest.mark.parametrize(("n", "looked"), [(1, 1), (9, 9), (64, 64), (300, 64)])
+def test_up_to_64_frames_are_looked_at_from_the_first_to_the_last(n, looked):
+    found = surveyed(drifting(n)[0])
+    assert len(found.frames) == looked
+    assert found.frames[[0, -1]].tolist() == [0, n - 1]
+
+
+def test_a_long_recording_has_a_node_at_least_every_64_frames():
+    recording, _ = drifting(1)
+    long = lb.read_recording(np.repeat(recording.stamps[0].read(0, 1, skip=False).frames, 5000, 0))
+    assert np.diff(surveyed(long).frames).max() == 64
+
+
+def test_spots_are_expected_between_where_they_were_seen():
+    recording, truth = drifting(300)
+    found = surveyed(recording)
+    np.testing.assert_allclose(found.predicted(0, 300), truth, atol=0.1)
+    np.testing.assert_array_equal(found.predicted(7, 60), found.predicted(0, 300)[7:60])
+
+
+def test_where_a_spot_was_not_seen_its_neighbours_in_time_tell_or_else_the_start():
+    path = np.full((3, 2, 2), np.nan)
+    path[0, 0], path[2, 0] = 10.0, 14.0
+    found = Survey(np.array([0, 2, 4]), path, SPOTS, lb.EIWA(13))
+    np.testing.assert_allclose(found.predicted(0, 6)[:, 0, 0], [10, 11, 12, 13, 14, 14])
+    np.testing.assert_array_equal(found.predicted(3, 4)[0, 1], SPOTS[1])
+
+
+def test_a_survey_pickles_and_measures_the_same_elsewhere():
+    recording, _ = drifting(20)
+    found = surveyed(recording, lb.Weighted())
+    again = pickle.loads(pickle.dumps(found))
+    np.testing.assert_array_equal(found.path, again.path)
+    assert found.method == again.method and found.method.window == 13
+    np.testing.assert_allclose(found.method.width, 2.0, rtol=0.03)
+
+
+def test_squares_side_by_side_hold_the_pixels_around_each_spot():
+    frame = np.arange(600, dtype=np.uint16).reshape(1, 20, 30)
+    places = np.array([[10.3, 8.0], [28.0, 3.0], [np.nan, np.nan]])
+    row = side_by_side(frame, places, 2)
+    at = places_side_by_side(places[None], 2)[0]
+    assert row.shape == (5, 15)
+    np.testing.assert_allclose(at[:2], [[2.3, 2.0], [7.0, 2.0]])
+    np.testing.assert_array_equal(row[:, :5], frame[0, 6:11, 8:13])
+    np.testing.assert_array_equal(row[:, 5:9], frame[0, 1:6, 26:30])
+    assert np.isnan(row[:, 9:]).all()
