@@ -282,6 +282,38 @@ def test_a_budget_is_read_and_summed(tmp_path):
     assert len(budget.contributions()) == 2 * 5 * 2
 
 
+# ECSS-E-ST-60-10C, Annex C: one-sigma totals about x, y, z in arcsec and what they are at two sigma.
+# The RPE may be 30, 10, 10, which y and z miss. The annex's table of contributors is not at hand: of
+# its example these tests check the step from totals to verdicts, to 0.01, and not the sums.
+ANNEX_C = {
+    "APE": ((13.509, 8.372, 8.607), (27.018, 16.744, 17.215)),
+    "RPE": ((10.700, 6.892, 6.285), (21.401, 13.784, 12.570)),
+}
+
+
+@pytest.mark.parametrize("index", sorted(ANNEX_C))
+def test_totals_of_annex_c_at_two_sigma(index):
+    totals, doubled = ANNEX_C[index]
+    need = lb.PointingRequirement(index, index, (30.0, 10.0, 10.0), factor=2.0)
+    parts = np.multiply.outer([0.6, 0.8], totals)  # two sources that add up to them in squares
+    sources = tuple(
+        lb.PointingSource(f"part {k}", "noise", part, np.zeros(3)) for k, part in enumerate(parts)
+    )
+    table = lb.PointingBudget((need,), sources).table()
+    np.testing.assert_allclose(table["total_arcsec"], doubled, rtol=0, atol=0.01)
+    if index == "RPE":
+        assert table["verdict"].tolist() == ["met", "not met", "not met"]
+
+
+def test_annex_c_from_its_contributors(real_data):
+    """For whoever has the standard and types its table of contributors as a budget."""
+    path = real_data("ecss-e-st-60-10c") / "annex-c.toml"
+    budget = lb.PointingBudget.from_toml(path)
+    assert {need.index for need in budget.requirements} == set(ANNEX_C)
+    for need in budget.requirements:
+        np.testing.assert_allclose(budget.total(need), ANNEX_C[need.index][1], rtol=0, atol=0.01)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -172,6 +172,27 @@ def test_an_attitude_message_comes_back_to_the_last_digits_with_rates_and_segmen
     assert "CREATION_DATE = 2026-03-02T08:00:00" in keys
 
 
+def test_brahe_reads_every_component_of_a_message_back(tmp_path):
+    ccsds = pytest.importorskip("brahe.ccsds", reason="brahe is in the extra messages")
+    t, turned = attitudes()
+    q = turned.as_quat()
+    q[7] = np.nan
+    path = tmp_path / "attitude.aem"
+    write_aem(path, t, q, start=START, **NAMES)
+    segments = ccsds.AEM.from_file(str(path)).segments
+    frames = {(s.ref_frame_a, s.ref_frame_b, s.time_system, s.angvel_frame) for s in segments}
+    assert len(segments) == 3
+    assert frames == {("EME2000", "SC_BODY_1", "UTC", "SC_BODY_1")}
+    states = [state for segment in segments for state in segment.states]
+    read = np.array([[s.quaternion.data[k] for k in (1, 2, 3, 0)] for s in states])
+    rates = np.array([state.angular_velocity for state in states])
+    np.testing.assert_allclose(read, q[np.isfinite(q).all(axis=1)], rtol=0, atol=1e-12)
+    # The axis of the turn stands in frame A; in frame B it is where the first attitude puts it.
+    first = turned[0].inv().apply([0.001, -0.002, 0.003])
+    np.testing.assert_allclose(rates, np.tile(first, (59, 1)), rtol=0, atol=1e-12)
+    assert str(states[1].epoch).startswith("2026-03-01 12:00:00.500 UTC")
+
+
 @pytest.mark.parametrize("missing", sorted(NAMES))
 def test_a_message_without_its_frames_or_object_is_refused(tmp_path, missing):
     t, turned = attitudes()
