@@ -89,15 +89,15 @@ def two_spots(frames, seed=0, size=SIZE, sigma=SIGMA):
 
 
 def in_turns(calls, rounds):
-    """Seconds of each call, the best fifth of rounds in which all take turns: other load strikes
-    all alike.
+    """Processor time of each call, s: the best fifth of rounds in which all take turns, so that
+    other load strikes all alike.
     """
     taken = {name: [] for name in calls}
     for turn in range(rounds):
         for name, call in calls.items():
-            begin = time.perf_counter()
+            begin = time.process_time()
             call(turn)
-            taken[name].append(time.perf_counter() - begin)
+            taken[name].append(time.process_time() - begin)
     return {name: float(np.percentile(times, 20)) for name, times in taken.items()}
 
 

@@ -171,4 +171,5 @@ class Engine:
 def _step(stack: NDArray[Any]) -> float:
     """Step of whole readings: 16 where twelve bits are aligned to the left, 1 where few tell."""
     sample = stack.reshape(-1)[:: max(1, stack.size // _SAMPLES) | 1].astype(np.float64)
-    return digit_step(sample) if len(np.unique(sample)) >= _TELLING else 1.0
+    step = digit_step(sample)
+    return step if step == 1.0 or len(np.unique(sample)) >= _TELLING else 1.0

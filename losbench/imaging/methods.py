@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
-from typing import TypedDict
+from dataclasses import fields
+from typing import Any, TypedDict
 
 from numpy.typing import ArrayLike
 
@@ -19,7 +18,7 @@ from losbench.imaging.weighted import Weighted
 __all__ = ["MethodFields", "as_background", "as_method"]
 
 
-_METHODS: dict[str, Callable[..., CentroidMethod]] = {
+_METHODS: dict[str, type[CentroidMethod]] = {
     "eiwa": EIWA,
     "grey": Grey,
     "weighted": Weighted,
@@ -58,7 +57,8 @@ def as_method(method: CentroidMethod | str, given: MethodFields) -> CentroidMeth
     if unknown:
         raise TypeError(f"no centroid has a field {unknown[0]!r}")
     chosen = {name: value for name, value in given.items() if value is not None}
-    if isinstance(method, CentroidMethod):
+    # A name is known as one at once; a protocol looks for each of its members.
+    if not isinstance(method, str) and isinstance(method, CentroidMethod):
         if chosen:
             name, value = next(iter(chosen.items()))
             raise ValueError(
@@ -66,12 +66,12 @@ def as_method(method: CentroidMethod | str, given: MethodFields) -> CentroidMeth
                 f"method={method!r}; give it to {type(method).__name__}(...)"
             )
         return method
-    kind = _METHODS[choice("method", method, _METHODS)]
+    kind: Any = _METHODS[choice("method", method, _METHODS)]
     if "sigma" in chosen:
         if "width" in chosen:
             raise ValueError("width and sigma are two words for one thing: give width")
         chosen["width"] = chosen.pop("sigma")
-    known = inspect.signature(kind).parameters
+    known = {field.name for field in fields(kind)}
     return kind(**{name: value for name, value in chosen.items() if name in known})
 
 
@@ -86,10 +86,10 @@ def as_background(
         If there is none, or a side is given beside another background.
     """
     found: Background
-    if isinstance(background, Background):
-        found = background
-    elif background is None or isinstance(background, str):
+    if background is None or isinstance(background, str):
         found = _BACKGROUNDS[choice("background", background or "none", _BACKGROUNDS)]
+    elif isinstance(background, Background):
+        found = background
     else:
         found = Level(number("background", background))
     if ring is None:

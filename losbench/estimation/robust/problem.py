@@ -172,7 +172,7 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
     return Problem(
         basis=basis,
         to_x=to_x * (middle[:, None] / column_unit)[..., None],
-        rank=np.count_nonzero(to_x.any(axis=1), axis=1),
+        rank=to_x.any(axis=1).sum(axis=1),
         estimable=estimable,
         y=right,
         y_unit=y_unit,

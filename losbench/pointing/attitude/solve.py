@@ -295,6 +295,8 @@ def _unsolved(count: int, size: int, *, ok: Bools, redundancy: Ints) -> Attitude
 
 def _restored(fit: AttitudeFit, batch: tuple[int, ...], shape: tuple[int, ...]) -> AttitudeFit:
     """Give the batch its axes back, and the frames of the given shape their places."""
+    if fit.residuals.shape == shape:  # one axis of frames, none of them stacked
+        return fit
     fit = changed(fit, lambda array: uncut(array, shape), only=_PER_SHIFT)
     return changed(
         fit, lambda array: array.reshape(batch + array.shape[1:]), only=(*_PER_SOLVE, "ok")
