@@ -9,21 +9,18 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import platform
 import subprocess
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, is_dataclass
 from functools import cache
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 
+from losbench.made import plain, versions
 from losbench.resources import build_folder, notebook_folder, write_whole
 
 if TYPE_CHECKING:
@@ -108,9 +105,9 @@ def save(fig: Figure, name: str, *, parameters: object = None, seed: int | None 
     record = {
         "paper": paper,
         "figure": figure,
-        "parameters": _plain(parameters),
+        "parameters": plain(parameters),
         "seed": seed,
-        "versions": _versions(),
+        "versions": versions(),
         "commit": commit(),
     }
     metadata = {
@@ -171,30 +168,3 @@ def _drawn(fig: Figure, kind: str, name: str, metadata: Mapping[str, str | None]
     with mpl.rc_context({"svg.hashsalt": name}):
         fig.savefig(buffer, format=kind, metadata=metadata)
     return buffer.getvalue()
-
-
-@cache
-def _versions() -> dict[str, str]:
-    packages = (
-        "losbench",
-        "numpy",
-        "scipy",
-        "matplotlib",
-        "opencv-python-headless",
-        "pandas",
-        "statsmodels",
-    )
-    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
-
-
-def _plain(value: Any) -> Any:
-    """Turn dataclasses, arrays and mappings into what JSON holds; anything else into its repr."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return _plain(asdict(value))
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value if value is None or isinstance(value, str | int | float | bool) else repr(value)

@@ -36,6 +36,7 @@ _RAISE = dis.opmap["RAISE_VARARGS"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     options = _parser().parse_args(arguments)
+    options.given = list(sys.argv[1:] if arguments is None else arguments)
     said = f"losbench {options.command}:"
     try:
         with warnings.catch_warnings():

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import shlex
+from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
+    from losbench.made import Made
     from losbench.tables.dialect import DialectOptions
 
-__all__ = ["Commands", "add_dialect", "dialect_options", "pairs"]
+__all__ = ["Commands", "add_dialect", "dialect_options", "made_by", "pairs"]
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001 - its only name
+
+_NO_SETTINGS = ("command", "debug", "given", "json", "quiet", "run")
 
 
 def add_dialect(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +61,14 @@ def dialect_options(options: argparse.Namespace) -> DialectOptions:
         "sentinel": tuple(options.sentinel),
         "unit": pairs(options.unit, "--unit must be COLUMN=UNIT, e.g. T1=degF"),
     }
+
+
+def made_by(options: argparse.Namespace, inputs: Iterable[str | Path]) -> Made:
+    """Return how the results of a command are made, with a look at what it reads."""
+    from losbench.made import Made
+
+    settings = {name: value for name, value in vars(options).items() if name not in _NO_SETTINGS}
+    return Made.by(shlex.join(["losbench", *options.given]), settings, inputs)
 
 
 def pairs(given: list[str], expected: str) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from losbench.cli.arguments import Commands, add_dialect, dialect_options, pairs
+from losbench.cli.arguments import Commands, add_dialect, dialect_options, made_by, pairs
 from losbench.cli.choices import (
     add_choices,
     angles_of,
@@ -116,6 +116,7 @@ def _run(options: argparse.Namespace) -> int:
     tables = [options.camera, options.temperature, options.times]
     inputs = [path for path in [*options.frames, *calibration, *tables] if path is not None]
     with claim(options.out, inputs=inputs, writes=WRITTEN, force=options.force) as results:
+        made = made_by(options, inputs)
         recording = recording_of(options, detector, times)
         centroid, background = centroid_of(options), background_of(options)
         measurement = measure(
@@ -135,7 +136,7 @@ def _run(options: argparse.Namespace) -> int:
             EIWA(centroid.window) if centroid.template else Weighted(window=centroid.window),
             background=background,
         )
-        lines = write_report(measurement, results, recording=recording, other=other)
+        lines = write_report(measurement, results, recording=recording, other=other, made=made)
         if not options.quiet:
             print("\n".join(lines))
     return 0

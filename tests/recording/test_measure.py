@@ -261,7 +261,7 @@ def test_a_report_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
     def broken(*_):
         raise ValueError("no picture")
 
-    monkeypatch.setattr("losbench.recording.report._angles", broken)
+    monkeypatch.setattr("losbench.recording.pictures.angles_figure", broken)
     with pytest.raises(ValueError, match="no picture"):
         write_report(measured, tmp_path / "out", recording=recording)
     assert not (tmp_path / "out").exists()
@@ -405,8 +405,12 @@ def test_the_report_is_written_whole_with_its_sensitivity(simulated, tmp_path):
     written = {
         "measurement.csv",
         "report.json",
+        "report.html",
+        "frame.png",
         "shifts.png",
         "angles.png",
+        "leftover.png",
+        "temperature.png",
         "angles-over-temperature.png",
     }
     assert {path.name for path in tmp_path.iterdir()} == written

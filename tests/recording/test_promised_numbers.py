@@ -12,7 +12,7 @@ from losbench.logs import FrameTimes, TemperatureLog
 from losbench.recording.angles import Angles
 from losbench.recording.belief import _TELLS, drift_slope
 from losbench.recording.readers import Recording
-from losbench.recording.report import _at_rest, _lag_s
+from losbench.recording.sensitivity import _lag_s, at_rest
 from losbench.recording.stamps import Stamp
 
 fits = pytest.importorskip("astropy.io.fits")
@@ -151,8 +151,8 @@ def test_a_sensitivity_outside_its_interval_gives_way_to_the_middle():
     fit = SimpleNamespace(
         k_interval_arcsec_per_degC=interval, k_arcsec_per_degC=np.array([0.9, 1.0, 3.0, 3.1])
     )
-    at_rest, missed = _at_rest(fit)
-    assert at_rest.tolist() == [2.0, 1.0, 3.0, 2.0]
+    sizes, missed = at_rest(fit)
+    assert sizes.tolist() == [2.0, 1.0, 3.0, 2.0]
     assert missed.tolist() == [True, False, False, True]
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import losbench as lb
-from losbench.recording.report import _numbers, _sentences
+from losbench.recording.sensitivity import numbers, sentences
 
 
 @pytest.fixture
@@ -26,9 +26,9 @@ def test_a_sensitivity_inside_its_interval_is_the_solvers(series):
     fit, table = series
     low, high = np.moveaxis(fit.k_interval, -1, 0)
     assert ((low < fit.k) & (fit.k < high)).all()
-    for axis, k in zip(_numbers(fit, table).values(), fit.k_arcsec_per_degC, strict=True):
+    for axis, k in zip(numbers(fit, table).values(), fit.k_arcsec_per_degC, strict=True):
         assert axis["arcsec_per_degC"] == pytest.approx(k, abs=1e-6)
-    assert "one alone" not in " ".join(_sentences(fit, table))
+    assert "one alone" not in " ".join(sentences(fit, table))
 
 
 def test_where_one_lag_leaves_the_interval_its_middle_is_printed_and_both_are_named(series):
@@ -36,9 +36,9 @@ def test_where_one_lag_leaves_the_interval_its_middle_is_printed_and_both_are_na
     away = fit.k_interval[:, 1] + 1e-6
     moved = replace(fit, k=away)
     middle = lb.units.rad_to_arcsec(fit.k_interval.mean(axis=-1))
-    lines = _sentences(moved, table)
+    lines = sentences(moved, table)
     for axis, line, k, rest in zip(
-        _numbers(moved, table).values(), lines, moved.k_arcsec_per_degC, middle, strict=True
+        numbers(moved, table).values(), lines, moved.k_arcsec_per_degC, middle, strict=True
     ):
         assert axis["arcsec_per_degC"] == pytest.approx(rest, abs=1e-6)
         assert f"{rest:+.4f} arcsec/degC" in line
@@ -48,9 +48,9 @@ def test_where_one_lag_leaves_the_interval_its_middle_is_printed_and_both_are_na
 def test_a_lag_that_cannot_be_told_is_said(series):
     fit, table = series
     unknown = replace(fit, lag_state=np.array(["not identifiable", "weak", "identified"]))
-    states = [axis["lag_state"] for axis in _numbers(unknown, table).values()]
+    states = [axis["lag_state"] for axis in numbers(unknown, table).values()]
     assert states == ["not identifiable", "weak", "identified"]
-    assert ["not identifiable" in line for line in _sentences(unknown, table)] == [
+    assert ["not identifiable" in line for line in sentences(unknown, table)] == [
         True,
         False,
         False,

@@ -1,0 +1,211 @@
+"""Pictures of a measurement: the frame with its spots, shifts, angles, temperatures, leftovers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from losbench.arrays import Floats
+from losbench.pointing.thermal import SensitivityFit
+from losbench.recording.measurement import Measurement
+from losbench.recording.readers import Recording
+from losbench.recording.sensitivity import AXES, temperature_columns, timed
+from losbench.units import rad_to_arcsec
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "angles_figure",
+    "frame_figure",
+    "leftover_figure",
+    "over_temperature_figure",
+    "shifts_figure",
+    "temperature_figure",
+]
+
+_MANY = 3000  # points of a line, beyond which it is drawn as an image
+_CUTS = 6  # spots that are shown near to
+_NEAR_PX = 12  # half a side of these, where the window is not known
+
+
+def frame_figure(measurement: Measurement, recording: Recording) -> Figure:
+    """The first frame that shows every spot, with their numbers, and each of the first six near
+    to.
+    """
+    from matplotlib.figure import Figure
+
+    seen = np.isfinite(measurement.xy_px).all(axis=(1, 2))
+    k, xy = int(np.argmax(seen)), measurement.xy_px[int(np.argmax(seen))]
+    count = len(xy)
+    pixels = [stamp.read(k, k + 1, skip=True).frames[0] for stamp in recording.stamps]
+    origins = [np.array(stamp.origin_px, dtype=float) for stamp in recording.stamps]
+    whole = len(pixels) == 1
+    columns = min(count, _CUTS)
+    rows, cols = pixels[0].shape
+    tall = min(8.0 * rows / cols, 9.0) if whole else 0.0
+    fig = Figure(figsize=(8.0, tall + 8.0 / max(columns, 3) + 0.4))
+    grid = fig.add_gridspec(
+        2 if whole else 1, columns, height_ratios=[tall, 8 / max(columns, 3)][-1 - whole :]
+    )
+    if whole:
+        axis = fig.add_subplot(grid[0, :])
+        _image(axis, pixels[0], origins[0])
+        axis.set_title(f"frame {k}: {recording.label(k)}", parse_math=False)
+        _marks(axis, xy, radius=0.02 * max(rows, cols))
+    for spot in range(columns):
+        image, origin = (pixels[0], origins[0]) if whole else (pixels[spot], origins[spot])
+        axis = fig.add_subplot(grid[-1, spot])
+        near = _near(image, origin, xy[spot]) if whole else (image, origin)
+        _image(axis, *near)
+        axis.plot(*xy[spot], "+", ms=11, mew=1.2, color="#D55E00")
+        axis.set_title(f"spot {spot + 1}", fontsize=9)
+        axis.tick_params(labelsize=7)
+    return fig
+
+
+def shifts_figure(measurement: Measurement) -> Figure:
+    """Shifts of every spot along x and y."""
+    along, label = _abscissa(measurement)
+    fig, axes = _one_below_another(2, label)
+    for axis, i, name in zip(axes, range(2), "xy", strict=True):
+        _by_spot(axis, along, measurement.shifts_px[..., i])
+        axis.set_ylabel(f"shift along {name} (px)")
+    axes[0].legend(ncols=4)
+    return fig
+
+
+def leftover_figure(measurement: Measurement) -> Figure:
+    """What the angles of a measurement that has them leave of every spot's shift."""
+    along, label = _abscissa(measurement)
+    fig, axes = _one_below_another(2, label)
+    if measurement.attitude is not None:
+        for axis, i, name in zip(axes, range(2), "xy", strict=True):
+            _by_spot(axis, along, 1e3 * measurement.attitude.residuals[..., i])
+            axis.set_ylabel(f"left along {name} (µm)")
+    axes[0].legend(ncols=4)
+    return fig
+
+
+def angles_figure(measurement: Measurement) -> Figure:
+    """The angle about each axis, with its one-sigma error."""
+    along, label = _abscissa(measurement)
+    fig, axes = _one_below_another(3, label)
+    for axis, name in zip(axes, AXES, strict=True):
+        angle = measurement.table[f"{name}_arcsec"].to_numpy()
+        sigma = measurement.table[f"sigma_{name}_arcsec"].to_numpy()
+        many = len(along) > _MANY
+        axis.fill_between(
+            along,
+            angle - sigma,
+            angle + sigma,
+            alpha=0.25,
+            lw=0,
+            label="one sigma",
+            rasterized=many,
+        )
+        axis.plot(along, angle, lw=1.0, rasterized=many)
+        axis.set_ylabel(f"about {AXES[name]} (arcsec)")
+    axes[0].legend()
+    return fig
+
+
+def over_temperature_figure(measurement: Measurement, fit: SensitivityFit) -> Figure:
+    """The angle about each axis over the temperature, and the fit."""
+    column = temperature_columns(measurement.table)[0]
+    table = measurement.table[timed(measurement.table)]
+    celsius = table[column].to_numpy()
+    lagged = bool((fit.lag_s > 0).any())
+    model = fit.predict(celsius, time_s=table["time_s"].to_numpy() if lagged else None)
+    fig, axes = _one_below_another(3, f"{column.removesuffix('_degC')} (degC)")
+    for i, (axis, name) in enumerate(zip(axes, AXES, strict=True)):
+        many = len(celsius) > _MANY
+        axis.plot(celsius, table[f"{name}_arcsec"], ".", ms=3, label="measured", rasterized=many)
+        axis.plot(
+            celsius,
+            rad_to_arcsec(model[:, i]),
+            lw=1.2,
+            label="fit with lag" if lagged else "fit",
+            rasterized=many,
+        )
+        axis.set_ylabel(f"about {AXES[name]} (arcsec)")
+    axes[0].legend()
+    return fig
+
+
+def temperature_figure(measurement: Measurement) -> Figure:
+    """Every sensor's temperature at the frames."""
+    along, label = _abscissa(measurement)
+    fig, axes = _one_below_another(1, label)
+    for column in temperature_columns(measurement.table):
+        name = column.removeprefix("temperature_").removesuffix("_degC")
+        celsius = measurement.table[column].to_numpy()
+        (line,) = axes[0].plot(along, celsius, lw=1.2, rasterized=len(along) > _MANY)
+        line.set_label(name)
+    axes[0].set_ylabel("temperature (degC)")
+    legend = axes[0].legend(ncols=4)
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # a sensor may be called T_$1$
+    return fig
+
+
+def _by_spot(axis: Axes, along: NDArray[Any], values: Floats) -> None:
+    for spot in range(values.shape[1]):
+        axis.plot(
+            along,
+            values[:, spot],
+            ".-",
+            ms=3,
+            lw=0.8,
+            label=f"spot {spot + 1}",
+            rasterized=len(along) > _MANY,
+        )
+
+
+def _near(image: NDArray[Any], origin: Floats, xy: Floats) -> tuple[NDArray[Any], Floats]:
+    """The pixels about a spot, and where their first one is."""
+    x, y = np.rint(xy - origin).astype(int).tolist()
+    left, top = max(x - _NEAR_PX, 0), max(y - _NEAR_PX, 0)
+    return image[top : y + _NEAR_PX + 1, left : x + _NEAR_PX + 1], origin + np.array([left, top])
+
+
+def _image(axis: Axes, pixels: NDArray[Any], origin: Floats) -> None:
+    rows, cols = pixels.shape
+    low, high = np.nanpercentile(pixels, [1.0, 99.9])
+    axis.imshow(
+        pixels,
+        cmap="gray",
+        vmin=low,
+        vmax=max(high, low + 1.0),
+        extent=(origin[0] - 0.5, origin[0] + cols - 0.5, origin[1] + rows - 0.5, origin[1] - 0.5),
+    )
+    axis.grid(visible=False)
+
+
+def _marks(axis: Axes, xy: Floats, *, radius: float) -> None:
+    from matplotlib.patches import Circle
+
+    for spot, (x, y) in enumerate(xy.tolist()):
+        axis.add_patch(Circle((x, y), radius, fill=False, lw=1.1, color="#E69F00"))
+        axis.text(x + 1.2 * radius, y - 1.2 * radius, str(spot + 1), color="#E69F00", fontsize=9)
+
+
+def _abscissa(measurement: Measurement) -> tuple[NDArray[Any], str]:
+    table = measurement.table
+    return (
+        (table["time_s"].to_numpy(), "time (s)")
+        if "time_s" in table
+        else (table["frame"].to_numpy(), "frame")
+    )
+
+
+def _one_below_another(n: int, label: str) -> tuple[Figure, list[Axes]]:
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(8.0, 2.0 * n + 0.6))
+    axes = list(np.atleast_1d(fig.subplots(n, 1, sharex=True)))
+    axes[-1].set_xlabel(label, parse_math=False)  # a sensor may be called T_$1$
+    return fig, axes

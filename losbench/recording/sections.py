@@ -1,0 +1,305 @@
+"""The report of a measurement, a section each: a function of what is `Told` to its HTML, and
+nothing where it does not apply.
+
+A new section is a new function in `CHAPTERS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from losbench.imaging.results import SpotFlag
+from losbench.made import Made
+from losbench.page import QUESTIONS, Answer, Picture, section, sentences, table
+from losbench.pointing.thermal import SensitivityFit
+from losbench.recording.belief import Belief
+from losbench.recording.measurement import Measurement
+from losbench.recording.readers import Recording
+from losbench.recording.sensitivity import AXES, numbers, temperature_columns
+from losbench.recording.sensitivity import sentences as of_sensitivity
+from losbench.units import rad_to_arcsec
+
+__all__ = ["CHAPTERS", "Told", "answers"]
+
+_WORKED, _BELIEF, _NUMBER, _CHANGE, _ = QUESTIONS
+_MARKED = 0.01  # share of centroids with a flag that is worth a word on top
+_FIT_BADLY = 0.10  # share of frames with a p-value below 0.05
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a report may speak of: a measurement, and what was made of it."""
+
+    measurement: Measurement
+    recording: Recording
+    belief: Belief
+    sensitivity: SensitivityFit | None
+    pictures: Mapping[str, Picture] = field(default_factory=dict)
+    made: Made = field(default_factory=Made)
+
+
+def answers(told: Told) -> list[Answer]:
+    """Answer the first four questions in a line each."""
+    doubts, known = _doubts(told), np.isfinite(told.measurement.xy_px).all(axis=2)
+    n_frames, n_spots = known.shape
+    all_known = bool(known.all())
+    worked = Answer(
+        "Yes" if all_known else "In part" if known.any() else "No",
+        f"{int(known.sum())} of {known.size} positions measured: {n_spots} spots in {n_frames} "
+        "frames.",
+        "good" if all_known else "care" if known.any() else "bad",
+    )
+    believed = (
+        Answer("With care", " ".join(doubts[:2]), "care")
+        if doubts
+        else Answer("Yes", "The data themselves speak against none of it.", "good")
+    )
+    changes = _changes(told)
+    return [
+        worked,
+        believed,
+        _number(told),
+        Answer(_counted(len(changes)), changes[0] if changes else ""),
+    ]
+
+
+def _counted(n: int) -> str:
+    return "Nothing known" if n == 0 else f"{n} thing{'s' * (n > 1)}"
+
+
+def _number(told: Told) -> Answer:
+    if told.sensitivity is not None:
+        found = numbers(told.sensitivity, told.measurement.table)
+        sizes = {AXES[axis]: each["arcsec_per_degC"] for axis, each in found.items()}
+        known = {
+            AXES[axis]: abs(each["arcsec_per_degC"])
+            for axis, each in found.items()
+            if np.prod(each["interval_95_arcsec_per_degC"]) > 0
+            and each["lag_state"] != "not identifiable"
+        }
+        first = max(known or sizes, key=lambda axis: abs(sizes[axis]))
+        low, high = next(
+            each["interval_95_arcsec_per_degC"]
+            for axis, each in found.items()
+            if AXES[axis] == first
+        )
+        others = ", ".join(f"{sizes[axis]:+.3g} about {axis}" for axis in sizes if axis != first)
+        return Answer(
+            f"{sizes[first]:+.4g} arcsec/degC",
+            f"about {first} (95 %: {low:+.4g} to {high:+.4g}); {others}.",
+        )
+    if told.measurement.attitude is not None:
+        span = np.ptp(_known(rad_to_arcsec(told.measurement.attitude.angles)), axis=0)
+        largest_axis = int(np.argmax(span))
+        return Answer(
+            f"{span[largest_axis]:.4g} arcsec",
+            f"peak to valley about {list(AXES.values())[largest_axis]}, the largest of three axes.",
+        )
+    span = np.nanmax(told.measurement.shifts_px, axis=0) - np.nanmin(
+        told.measurement.shifts_px, axis=0
+    )
+    spot, i = np.unravel_index(int(np.nanargmax(span)), span.shape)
+    return Answer(f"{span[spot, i]:.4g} px", f"peak to valley of spot {spot + 1} along {'xy'[i]}.")
+
+
+def _doubts(told: Told) -> list[str]:
+    """What speaks against the numbers, a sentence each."""
+    belief = told.belief
+    of_scatter = belief.sentences()[0]
+    lines = [] if of_scatter.endswith(": as predicted.") else [of_scatter]
+    marked = np.count_nonzero(told.measurement.flags) / belief.n_centroids
+    if marked > _MARKED:
+        lines.append(f"{100 * marked:.0f} % of the centroids carry a flag.")
+    p_value = np.array([]) if belief.p_value is None else _known(belief.p_value[:, None])
+    if p_value.size and np.mean(p_value < 0.05) > _FIT_BADLY + 2 / np.sqrt(p_value.size):
+        lines.append("The spots do not move as a camera that only turns would move them.")
+    slope = belief.slope
+    if slope is not None and abs(slope.value - 1.0) > 3.0 * slope.error:
+        lines.append("Two centroids disagree about the drift.")
+    return lines
+
+
+def _changes(told: Told) -> list[str]:
+    """What would change the numbers, the most telling first."""
+    measurement, fit, lines = told.measurement, told.sensitivity, []
+    if fit is not None:
+        column = temperature_columns(measurement.table)[0]
+        untold = [
+            AXES[a]
+            for a, state in zip(AXES, fit.lag_state, strict=True)
+            if state == "not identifiable"
+        ]
+        if untold:
+            lines.append(
+                f"A longer record: about {', '.join(untold)} it does not tell how far the angle "
+                "lags behind the temperature, and the sensitivity depends on that."
+            )
+        lines.append(
+            f"Another sensor: the sensitivity is to {column}, the first of "
+            f"{len(temperature_columns(measurement.table))}."
+        )
+    elif measurement.attitude is not None:
+        lines.append("Temperatures that move: without them there is no sensitivity.")
+    if measurement.attitude is None:
+        lines.append("A camera: with its focal length the shifts become angles.")
+    if told.recording.detector is None:
+        lines.append("A detector's gain and noise: the predicted errors would be those of it.")
+    if measurement.xy_px.shape[1] == 2 and measurement.attitude is not None:
+        lines.append("A third spot: two cannot tell which of them is bad.")
+    return lines
+
+
+def spots(told: Told) -> str:
+    """Where each spot is, how often it was seen and how often it carries a flag."""
+    seen = np.logical_and.reduce(np.isfinite(told.measurement.xy_px), axis=2)
+    marked = np.count_nonzero(told.measurement.flags, axis=0)
+    rows = [
+        [n + 1, f"{x:.3f}", f"{y:.3f}", int(seen[:, n].sum()), int(marked[n])]
+        for n, (x, y) in enumerate(told.measurement.reference_px.tolist())
+    ]
+    heads = ["spot", "reference x (px)", "reference y (px)", "frames measured", "frames flagged"]
+    return section(
+        "Spots",
+        table(heads, rows, caption=f"Spots, in {len(seen)} frames"),
+        _drawn(told, "frame"),
+    )
+
+
+def notes(told: Told) -> str:
+    """What was noticed."""
+    return section("What was noticed", sentences(told.measurement.notes))
+
+
+def scatter(told: Told) -> str:
+    """Scatter against predicted error, of each coordinate."""
+    heads = ["coordinate", "scatter (px)", "predicted (px)", "ratio", "error of the ratio"]
+    rows = [[name, *map(float, row)] for name, *row in told.belief.to_frame().itertuples()]
+    return section(
+        "Scatter against predicted error",
+        sentences(told.belief.sentences()),
+        table(heads, rows, caption="From frame to frame, and as predicted"),
+    )
+
+
+def flags(told: Told) -> str:
+    """The flags that any centroid carries, with what they mean."""
+    rows = [
+        [name, count, SpotFlag[name].sentence.replace("``", "")]
+        for name, count in told.belief.flags.items()
+    ]
+    heads = ["flag", "centroids", "meaning"]
+    return section("Flags", table(heads, rows, caption=f"Of {told.belief.n_centroids} centroids"))
+
+
+def leftover(told: Told) -> str:
+    """What the angles leave of the shifts."""
+    return section("Residuals", _drawn(told, "leftover"))
+
+
+def sensitivity(told: Told) -> str:
+    """Sensitivity of each axis to the first temperature, and whether to trust it."""
+    if told.sensitivity is None:
+        return ""
+    found = numbers(told.sensitivity, told.measurement.table)
+    heads = [
+        "axis",
+        "sensitivity (arcsec/degC)",
+        "95 % from",
+        "to",
+        "lag (s)",
+        "lag is",
+        "left after compensation (arcsec rms)",
+    ]
+    rows = [
+        [
+            AXES[axis],
+            each["arcsec_per_degC"],
+            *each["interval_95_arcsec_per_degC"],
+            each["lag_s"],
+            each["lag_state"],
+            each["rms_arcsec"],
+        ]
+        for axis, each in found.items()
+    ]
+    column = temperature_columns(told.measurement.table)[0]
+    return section(
+        "Sensitivity to temperature",
+        table(heads, rows, caption=f"Sensitivity to {column}"),
+        sentences(of_sensitivity(told.sensitivity, told.measurement.table)),
+        _drawn(told, "angles-over-temperature"),
+    )
+
+
+def angles(told: Told) -> str:
+    """The angles' size and error."""
+    attitude = told.measurement.attitude
+    if attitude is None:
+        return ""
+    arcsec = rad_to_arcsec(attitude.angles)
+    sigma = rad_to_arcsec(np.sqrt(np.diagonal(attitude.cov, axis1=-2, axis2=-1)))
+    rows = [
+        [
+            name,
+            float(np.nanstd(arcsec[:, i])),
+            float(np.ptp(_known(arcsec)[:, i])),
+            float(np.nanmedian(sigma[:, i])),
+        ]
+        for i, name in enumerate(AXES.values())
+    ]
+    heads = [
+        "axis",
+        "rms about the mean (arcsec)",
+        "peak to valley (arcsec)",
+        "one-sigma error of a frame (arcsec)",
+    ]
+    return section("Angles", table(heads, rows, caption="Angles"), _drawn(told, "angles"))
+
+
+def shifts(told: Told) -> str:
+    """The shifts of each spot."""
+    return section("Shifts", _drawn(told, "shifts"))
+
+
+def temperatures(told: Told) -> str:
+    """What the sensors said."""
+    frame = told.measurement.table
+    rows = [
+        [
+            name.removesuffix("_degC"),
+            float(frame[name].min()),
+            float(frame[name].max()),
+            int(frame[name].notna().sum()),
+        ]
+        for name in temperature_columns(frame)
+    ]
+    heads = ["sensor", "lowest (degC)", "highest (degC)", "frames with a reading"]
+    return section(
+        "Temperatures",
+        table(heads, rows, caption="Temperatures at the frames"),
+        _drawn(told, "temperature"),
+    )
+
+
+def changes(told: Told) -> str:
+    """What would change the numbers."""
+    return section("What to try next", sentences(_changes(told)))
+
+
+CHAPTERS: dict[str, list[Callable[[Told], str]]] = {
+    _WORKED: [spots, notes],
+    _BELIEF: [scatter, flags, leftover],
+    _NUMBER: [sensitivity, angles, shifts, temperatures],
+    _CHANGE: [changes],
+}
+
+
+def _drawn(told: Told, name: str) -> str:
+    return told.pictures[name].html() if name in told.pictures else ""
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    """Rows without a NaN."""
+    return values[np.isfinite(values).all(axis=1)]
