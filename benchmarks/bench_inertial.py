@@ -84,7 +84,7 @@ def loop(windows, origin, path, masked, whole_path):
 def ours(windows, origin, path, **choices):
     options = {"background": 0.0, "noise": NOISE} | choices
     return lb.aided_centroid(
-        windows, origin=origin, path=path, camera=CAMERA, sigma=SIGMA, **options
+        windows, origin=origin, path=path, camera=CAMERA, width=SIGMA, **options
     ).xy
 
 

@@ -22,13 +22,15 @@ import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
 ROOMS = ("estimation", "imaging", "pointing", "recording")
-SEED, COUNT, LONGEST_S = 10, 200, 180
+SEED, COUNT = 10, 200
+RECORDING_S, STARTING_S, SLOWER = 3600, 60, 5  # limits of processor time
 
 _OPPOSITE = [
     (ast.Add, ast.Sub),
@@ -229,12 +231,15 @@ def pytest_here(arguments: list[str], plugins: list[object] | None = None) -> in
     return int(pytest.main([*options, *arguments], plugins))
 
 
-def in_child(function: Callable[[], Any], limit_s: int) -> Any:
-    """Return what the function returns in a process of its own; None where that dies or hangs."""
+def in_child(function: Callable[[], Any], limit_s: float) -> Any:
+    """Return what the function returns in a process of its own; None where that dies or takes
+    longer than the limit of processor time, which a busy machine does not shorten.
+    """
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
-        signal.alarm(limit_s)
+        signal.setitimer(signal.ITIMER_PROF, limit_s)
+        signal.alarm(20 * int(limit_s))  # whoever waits for nothing takes no processor time
         with os.fdopen(writer, "wb") as pipe:
             pickle.dump(function(), pipe)
         os._exit(0)
@@ -246,7 +251,7 @@ def in_child(function: Callable[[], Any], limit_s: int) -> Any:
 
 def record(room: str) -> Runs:
     """Run the tests of a room, its doctests too, and see who runs what."""
-    runs = in_child(lambda: _recorded(room), 20 * LONGEST_S)
+    runs = in_child(lambda: _recorded(room), RECORDING_S)
     if runs is None:
         raise SystemExit(f"the tests of {room} fail, or hang, without any mutant")
     return runs
@@ -267,14 +272,15 @@ def _recorded(room: str) -> Runs | None:
     return Runs(lines, recorder.seconds)
 
 
-def killed(changed: Mutant) -> bool:
+def killed(changed: Mutant, runs: Runs) -> bool:
     """Whether a test fails, or never ends, in a process that imports the changed file."""
 
     def passes() -> bool:
         _load_changed(changed)
         return pytest_here(list(changed.tests)) == 0
 
-    return bool(changed.tests) and in_child(passes, LONGEST_S) is not True
+    limit_s = STARTING_S + SLOWER * sum(runs.seconds[test] for test in changed.tests)
+    return bool(changed.tests) and in_child(passes, limit_s) is not True
 
 
 def _load_changed(changed: Mutant) -> None:
@@ -324,7 +330,7 @@ def main() -> None:
         for room, runs in every.items():
             mutants = sample(room, share, options.seed, runs)
             tried = [m for m in mutants if (m.path, m.before, m.after) not in same]
-            found = dict(zip(tried, pool.map(killed, tried), strict=True))
+            found = dict(zip(tried, pool.map(partial(killed, runs=runs), tried), strict=True))
             died = sum(found.values())
             dead, asked, drawn = dead + died, asked + len(tried), drawn + len(mutants)
             print(f"{room}: {died} of {len(tried)} killed, {len(mutants) - len(tried)} equivalent")

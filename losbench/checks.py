@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from losbench.arrays import Floats
+from losbench.arrays import Floats, Ints
 
 __all__ = [
     "boolean",
@@ -31,6 +31,7 @@ __all__ = [
     "positive",
     "rotation",
     "shaped",
+    "unit_quaternions",
     "unmasked",
 ]
 
@@ -39,6 +40,7 @@ __all__ = [
 _NO_NUMBERS = {"m": "durations", "M": "dates", "U": "text", "S": "text", "c": "complex numbers"}
 _NO_NUMBERS |= {"V": "records"}
 _LARGEST = 2**63 - 1
+_UNIT = 1e-3  # text of three decimals keeps unit length to this
 
 
 def finite(name: str, value: ArrayLike, *, ndim: int | None = None) -> Floats:
@@ -147,6 +149,24 @@ def rotation(name: str, value: ArrayLike) -> Floats:
     return matrix
 
 
+def unit_quaternions(name: str, value: ArrayLike, *, rows: Ints | None = None) -> Floats:
+    """Return ``value`` as a float array (..., 4) of quaternions, each of unit length or with a NaN;
+    the message counts them, or names the ``rows`` (n,) of a file that they come from.
+    """
+    q = finite_or_nan(name, value)
+    shaped(name, q, ("...", 4))
+    length = np.sqrt(np.vecdot(q, q)).ravel()
+    bad = np.abs(length - 1.0) > _UNIT
+    if bad.any():
+        k = int(np.argmax(bad))
+        place = f"the first, number {k}," if rows is None else f"row {rows[k]}"
+        raise ValueError(
+            f"{name} must have unit length to {_UNIT:g}, but {np.count_nonzero(bad)} of "
+            f"{bad.size} have not; {place} has length {length[k]:.4g}"
+        )
+    return q
+
+
 def boolean(name: str, value: object) -> bool:
     """Return ``value`` if it is True or False, a NumPy bool included."""
     if not isinstance(value, bool | np.bool_):
@@ -187,7 +207,7 @@ def named_twice(name: str, value: Any, default: Any, **second: Any) -> tuple[str
     ((word, given),) = second.items()
     if given is None:
         return name, value
-    if value is not default and value != default:
+    if value is not default and np.any(value != default):
         raise ValueError(f"{name} and {word} are one thing, got both: give {name} alone")
     return word, given
 

@@ -6,14 +6,14 @@ from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import lru_cache
 from math import exp, lgamma, log
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
 from losbench.checks import finite, integer, number
-from losbench.estimation.losses import Loss
+from losbench.estimation.losses import Loss, read_loss
 
 __all__ = [
     "efficiency",
@@ -31,14 +31,14 @@ _PANELS = np.linspace(0.0, _FARTHEST, 241)
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
-def influence_function(loss: Loss, u: ArrayLike) -> Floats:
+def influence_function(loss: Loss | str, u: ArrayLike) -> Floats:
     """Influence of an error of ``u`` scales on a location estimate with this loss, in scales, at
     normal errors.
 
     Parameters
     ----------
-    loss : loss object
-        E.g. ``Huber()``.
+    loss : loss object or name
+        E.g. ``Huber()`` or "huber".
     u : (...) array
         Error of one observation of many, in scales.
 
@@ -57,17 +57,17 @@ def influence_function(loss: Loss, u: ArrayLike) -> Floats:
     >>> influence_function(Huber(), [-1.0, 0.0, 10.0, 1000.0]).round(3)
     array([-1.217,  0.   ,  1.637,  1.637])
     """
-    at = finite("u", u)
+    at, loss = finite("u", u), read_loss(loss)
     return at * loss.weights(at) / _mean_slope(loss, 1)
 
 
-def efficiency(loss: Loss, *, rows: int = 1) -> float:
+def efficiency(loss: Loss | str, *, rows: int = 1) -> float:
     """Efficiency of an estimate with this loss on normal errors, against least squares.
 
     Parameters
     ----------
-    loss : loss object
-        E.g. ``Huber()``.
+    loss : loss object or name
+        E.g. ``Huber()`` or "huber".
     rows : int
         Rows that share one weight, as with ``group`` of `irls`.
 
@@ -88,19 +88,23 @@ def efficiency(loss: Loss, *, rows: int = 1) -> float:
     >>> round(efficiency(Huber(1.345)), 4), round(efficiency(Bisquare(4.685)), 4)
     (0.95, 0.95)
     """
-    rows = integer("rows", rows, low=1)
+    loss, rows = read_loss(loss), integer("rows", rows, low=1)
     try:
         return _cached_efficiency(cast(Hashable, loss), rows)
     except TypeError:  # not hashable, as the norms of other libraries may be
         return _efficiency(loss, rows)
 
 
-def tuned(loss: AnyLoss, efficiency: float = 0.95, *, rows: int = 1) -> AnyLoss:
+@overload
+def tuned(loss: AnyLoss, efficiency: float = 0.95, *, rows: int = 1) -> AnyLoss: ...
+@overload
+def tuned(loss: str, efficiency: float = 0.95, *, rows: int = 1) -> Loss: ...
+def tuned(loss: Loss | str, efficiency: float = 0.95, *, rows: int = 1) -> Loss:
     """Scale the constants of a loss so that it has the efficiency asked for.
 
     Parameters
     ----------
-    loss : dataclass with ``weights(u)``
+    loss : dataclass with ``weights(u)``, or name
         Huber, Bisquare, Cauchy, Welsch, Hampel (whose three constants keep their ratios), or
         another like them.
     efficiency : float
@@ -124,13 +128,14 @@ def tuned(loss: AnyLoss, efficiency: float = 0.95, *, rows: int = 1) -> AnyLoss:
     >>> round(tuned(Bisquare(), 0.95).c, 4), round(tuned(Huber(), 0.85).c, 4)
     (4.6851, 0.7317)
     """
+    loss = read_loss(loss)
     if not _constants(loss):
         raise ValueError(f"loss must be a dataclass whose fields are its constants, got {loss!r}")
     wanted = number("efficiency", efficiency, low=0.0, high=1.0)
-    return cast(AnyLoss, _tuned(cast(Hashable, loss), wanted, integer("rows", rows, low=1)))
+    return cast(Loss, _tuned(cast(Hashable, loss), wanted, integer("rows", rows, low=1)))
 
 
-def gross_error_sensitivity(loss: Loss) -> float:
+def gross_error_sensitivity(loss: Loss | str) -> float:
     """Most that one bad observation can do: the largest absolute influence, in scales; infinite for
     least squares.
 
@@ -145,6 +150,7 @@ def gross_error_sensitivity(loss: Loss) -> float:
     >>> round(gross_error_sensitivity(Huber()), 3), round(gross_error_sensitivity(Bisquare()), 3)
     (1.637, 1.77)
     """
+    loss = read_loss(loss)
     near, far = np.linspace(0.0, 50.0, 500_001), np.geomspace(50.0, 1e12, 2001)
     pull = [float(np.max(u * loss.weights(u))) for u in (near, far)]
     if pull[1] > 1e6 * max(pull[0], 1.0):

@@ -10,6 +10,7 @@ from numpy.typing import DTypeLike
 
 from losbench.arrays import Bools, Floats, Pixels
 from losbench.checks import number, odd
+from losbench.units import SIGMA_PER_MAD
 
 __all__ = ["RING", "Background", "Level", "Plane", "Ring"]
 
@@ -242,7 +243,7 @@ def _median_and_scatter(values: Pixels) -> tuple[Pixels, Pixels]:
         mean = deviation.mean(axis=1)
     # In a quiet ring of whole numbers most pixels equal the median; the mean deviation still sees
     # the others.
-    return middle, np.maximum(1.4826 * scatter, mean / _CLIP)
+    return middle, np.maximum(SIGMA_PER_MAD * scatter, mean / _CLIP)
 
 
 @dataclass(frozen=True)

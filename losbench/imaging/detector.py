@@ -11,7 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from losbench.arrays import Floats
-from losbench.checks import finite, generator, integer, non_negative, number, positive, shaped
+from losbench.checks import (
+    finite,
+    generator,
+    integer,
+    named_twice,
+    non_negative,
+    number,
+    positive,
+    shaped,
+)
 from losbench.parameters import from_table, read_toml, to_table
 
 __all__ = ["Detector"]
@@ -125,7 +134,12 @@ class Detector:
         return shot + (self.read_noise_e / self.gain_e_per_dn) ** 2 + 1.0 / 12.0
 
     def expose(
-        self, electrons: ArrayLike, rng: np.random.Generator | int, *, origin: ArrayLike = (0, 0)
+        self,
+        electrons: ArrayLike,
+        seed: np.random.Generator | int | None = None,
+        *,
+        origin: ArrayLike = (0, 0),
+        rng: np.random.Generator | int | None = None,
     ) -> NDArray[np.uint16]:
         """Read out frames whose pixels expect the given electrons.
 
@@ -133,11 +147,13 @@ class Detector:
         ----------
         electrons : (..., rows, columns) array
             Expected electrons of each pixel, background included.
-        rng : numpy Generator or seed
-            Source of shot noise and read noise.
+        seed : int or numpy Generator
+            Source of shot noise and read noise; must be given.
         origin : (2,) or (..., 2) whole numbers
             Sensor coordinates (x, y) of the window's first pixel, which place the fixed pattern and
             the hot pixels.
+        rng
+            Second word for ``seed``.
 
         Returns
         -------
@@ -158,7 +174,7 @@ class Detector:
             )
         corner = finite("origin", origin)
         shaped("origin", corner, ("...", 2))
-        random = generator("rng", rng)
+        random = generator(*named_twice("seed", seed, None, rng=rng))
 
         counts = random.poisson(
             self._collected(expected, np.broadcast_to(corner, (*expected.shape[:-2], 2)))

@@ -11,6 +11,7 @@ from losbench.arrays import Bools, Floats, Indices
 from losbench.imaging.pattern import Pattern
 from losbench.imaging.ranks import CLIPPED, level_and_noise
 from losbench.imaging.sky import Sky
+from losbench.units import SIGMA_PER_MAD
 
 __all__ = ["mesh"]
 
@@ -123,7 +124,7 @@ def _surface(level: Floats, noise: Floats) -> Floats:
             break
         fit = np.linalg.lstsq(basis[kept], values[kept], rcond=None)[0]
         left = values - basis @ fit
-        scatter = max(1.4826 * float(np.median(np.abs(left[kept]))), error)
+        scatter = max(SIGMA_PER_MAD * float(np.median(np.abs(left[kept]))), error)
         now = np.abs(left) <= 3.0 * scatter
         if np.array_equal(now, kept):
             break

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats, Ints
-from losbench.checks import integer, number, rotation
+from losbench.checks import generator, integer, named_twice, number, rotation
 from losbench.optics.camera import Camera
 from losbench.resources import data_file
 
@@ -186,8 +186,15 @@ def load_catalogue(
     return _read(Path(path), _ROWS[kind], limit, year)
 
 
-def random_attitudes(n: int, rng: np.random.Generator | int) -> Floats:
+def random_attitudes(
+    n: int,
+    seed: np.random.Generator | int | None = None,
+    *,
+    rng: np.random.Generator | int | None = None,
+) -> Floats:
     """Draw rotations (n, 3, 3) from the sky to the camera, uniform over all orientations.
+
+    ``seed`` is an int or a numpy Generator and must be given; ``rng`` is a second word for it.
 
     >>> bool(np.allclose(np.linalg.det(random_attitudes(5, 1)), 1.0))
     True
@@ -195,7 +202,8 @@ def random_attitudes(n: int, rng: np.random.Generator | int) -> Floats:
     from scipy.spatial.transform import Rotation  # half the time that `import losbench` may take
 
     count = integer("n", n, low=0)
-    quaternions = np.random.default_rng(rng).standard_normal((count, 4))
+    random = generator(*named_twice("seed", seed, None, rng=rng))
+    quaternions = random.standard_normal((count, 4))
     return Rotation.from_quat(quaternions).as_matrix() if count else np.empty((0, 3, 3))
 
 

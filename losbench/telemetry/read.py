@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from losbench.arrays import Floats, Ints
+from losbench.checks import unit_quaternions
 from losbench.logs import FrameTimes, utc_of
 from losbench.pointing.starcamera import (
     PairTelemetry,
@@ -26,7 +27,6 @@ from losbench.units import ARCSEC_PER_RAD
 __all__ = ["Telemetry", "read_telemetry"]
 
 
-_UNIT = 1e-3  # text of three decimals keeps unit length to this
 _FEWEST_DECIMALS = 8  # below, rounding is seen in the angle
 _FARTHEST = 0.005  # of the focal length: the shift that a turn of 1000 arcsec makes
 _SLOWEST_S = 1.0  # step that two clocks are bridged over
@@ -265,17 +265,9 @@ def _columns(table: Table, names: Sequence[str]) -> Floats:
 
 
 def _check_head(quaternions: Floats, spots: Floats, what: str, rows: Ints) -> None:
-    length = np.linalg.norm(quaternions, axis=1)
-    if np.isnan(length).all():
+    if np.isnan(quaternions).any(axis=1).all():
         raise ValueError(f"{what} has no row with a whole quaternion")
-    bad = np.abs(length - 1.0) > _UNIT
-    if bad.any():
-        k = int(np.argmax(bad))
-        raise ValueError(
-            f"{what}: quaternions must have unit length to {_UNIT:g}, but {np.count_nonzero(bad)} "
-            f"of {len(bad)} have "
-            f"not; row {rows[k]} has length {length[k]:.4g}"
-        )
+    unit_quaternions(f"{what}: quaternions", quaternions, rows=rows)
     pairs = spots.reshape(len(spots), spots.shape[1] // 2, 2)
     seen = np.isfinite(pairs).all(axis=2).sum(axis=1)
     if spots.size and seen.max() < 2:

@@ -142,3 +142,15 @@ def test_gross_error_sensitivities():
             return np.ones_like(u)
 
     assert lb.gross_error_sensitivity(Squares()) == np.inf
+
+
+def test_a_loss_may_be_given_by_its_name():
+    assert lb.efficiency("cauchy") == lb.efficiency(lb.Cauchy())
+    assert lb.tuned("bisquare", 0.9) == lb.tuned(lb.Bisquare(), 0.9)
+    assert lb.gross_error_sensitivity("huber") == lb.gross_error_sensitivity(lb.Huber())
+    errors = [-3.0, 0.5, 2.0]
+    np.testing.assert_array_equal(
+        lb.influence_function("welsch", errors), lb.influence_function(lb.Welsch(), errors)
+    )
+    with pytest.raises(ValueError, match="loss must be one of"):
+        lb.efficiency("tukey's")

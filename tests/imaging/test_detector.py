@@ -130,7 +130,7 @@ def test_a_detector_survives_its_file_beside_the_camera(tmp_path):
 @pytest.mark.parametrize("rng", [None, "seed", -1, 1.5])
 def test_randomness_must_be_named(rng):
     with pytest.raises(
-        ValueError, match="rng must be a numpy Generator or a seed of at least 0, got"
+        ValueError, match="seed must be a numpy Generator or a seed of at least 0, got"
     ):
         lb.Detector().expose(np.ones((3, 3)), rng)
 

@@ -121,7 +121,7 @@ def test_the_random_walk_grows_with_the_root_of_time():
         ),
         (
             lambda: lb.Gyro(angle_random_walk_deg_rt_h=0.1).increments(SHAKES, 0.02),
-            "rng must be given",
+            "seed must be given",
         ),
         (
             lambda: lb.gyro_path(np.zeros((4, 3)), interval_s=0.005, exposure_s=0.025),
@@ -151,3 +151,22 @@ def test_the_random_walk_grows_with_the_root_of_time():
 def test_what_does_not_fit_is_refused_by_name(act, message):
     with pytest.raises(ValueError, match=message):
         act()
+
+
+def test_seed_and_rng_are_one_thing():
+    """And so is the generator of that seed."""
+    walk = lb.Gyro(angle_random_walk_deg_rt_h=0.1)
+    for draw in (
+        lambda **word: walk.increments(lb.Vibration(), 0.1, **word),
+        lambda **word: lb.random_vibration(3, max_rate_rad_s=0.1, **word).rate([0.01]),
+        lambda **word: lb.random_attitudes(3, **word),
+        lambda **word: lb.Detector().expose(np.full((4, 4), 100.0), **word),
+    ):
+        first = draw(seed=5)
+        np.testing.assert_array_equal(first, draw(rng=5))
+        np.testing.assert_array_equal(first, draw(seed=np.random.default_rng(5)))
+        assert not np.array_equal(first, draw(seed=6))
+        with pytest.raises(ValueError, match="seed and rng are one thing, got both"):
+            draw(seed=5, rng=6)
+        with pytest.raises(ValueError, match="seed must be"):
+            draw()

@@ -32,7 +32,7 @@ def aided_centroid(
     *,
     path: AttitudePath,
     camera: Camera,
-    sigma: ArrayLike,
+    width: ArrayLike | None = None,
     method: MethodName = "iterative",
     epoch: Epoch = "end",
     origin: ArrayLike | None = None,
@@ -48,6 +48,7 @@ def aided_centroid(
     max_iter: int = 50,
     noise: Detector | None = None,
     full_scale: float | None = None,
+    sigma: ArrayLike | None = None,
 ) -> AidedCentroids:
     """Find where smeared stars were at one moment of the exposure.
 
@@ -62,21 +63,21 @@ def aided_centroid(
         From `gyro_path`; its batch axes are those of the images, or none.
     camera : Camera
         Its ``shape`` is that of a whole frame.
-    sigma : float or (sx, sy), pixels
-        Width of a star that does not move.
+    width : float or (sx, sy), pixels
+        Sigma of a star that does not move.
     method : "iterative", "closed_form", "least_squares" or "joint"
         "iterative": lyu2015, section 1.3. "closed_form": the measured centre plus what the path's
-        epoch is off its mean; the same for sigma >= 0.5 where every pixel counts, at a fraction of
-        the cost. "least_squares": position and flux from all pixels by inverse variance (eq.
-        11-12), the most precise for one star. "joint": one rotation for all stars of an image, from
-        their ``predicted`` places, and maybe one rate error of the gyro.
+        epoch is off its mean; the same for widths of at least 0.5 where every pixel counts, at a
+        fraction of the cost. "least_squares": position and flux from all pixels by inverse variance
+        (eq. 11-12), the most precise for one star. "joint": one rotation for all stars of an image,
+        from their ``predicted`` places, and maybe one rate error of the gyro.
     epoch : "start", "middle" or "end"
         The moment of the exposure.
     origin : (..., n, 2) array, pixels
         With windows: frame position (x, y) of each window's first pixel.
     window : odd int, pixels, optional
         With whole frames: side of the windows, within the frame; by default the longest track and
-        five sigma on either side.
+        five widths on either side.
     background : "border", or float or array that broadcasts to (..., n)
         Subtracted from the pixels; "border" takes the median of each window's outermost ones.
     detector : Detector, optional
@@ -100,8 +101,8 @@ def aided_centroid(
     tolerance : float, pixels
         The iteration ends with a step below it.
     max_iter : int
-    noise, full_scale
-        Second words for ``detector`` and ``full_scale_dn``.
+    noise, full_scale, sigma
+        Second words for ``detector``, ``full_scale_dn`` and ``width``.
 
     Returns
     -------
@@ -114,23 +115,26 @@ def aided_centroid(
 
     Notes
     -----
-    ============== ==============================================================================================
+    ============== ===============================================================================
     flag           meaning
-    ============== ==============================================================================================
-    NOT_CONVERGED  ``max_iter`` was reached; the last position is kept, or NaN where "joint" sees too few stars
-    EDGE           the track leaves the frame, or comes within three sigma of its window's edge, or the window holds
-                   pixels that were not read; kept, without what is not there
-    SATURATED      pixels at full scale were left out; "iterative" then ends with least squares, as what is left may
-                   hardly follow the star
-    NEIGHBOUR      the window of another star of the image reaches this star's track; kept, but not to be trusted
+    ============== ===============================================================================
+    NOT_CONVERGED  ``max_iter`` was reached; the last position is kept, or NaN where "joint" sees
+                   too few stars
+    EDGE           the track leaves the frame, or comes within three widths of its window's edge,
+                   or the window holds pixels that were not read; kept, without what is not there
+    SATURATED      pixels at full scale were left out; "iterative" then ends with least squares,
+                   as what is left may hardly follow the star
+    NEIGHBOUR      the window of another star of the image reaches this star's track; kept, but not
+                   to be trusted
     TOO_FAINT      flux below five times its error; kept, or NaN where there is no light at all
-    SLOW           sigma below 0.25 px, where the iteration hardly contracts: damped, and polished by least squares
-                   where it did not settle
-    MISSING        no start in the frame, no ``predicted``, or no pixel of the window read; NaN, but a star that is
-                   predicted and not seen is where the others of a "joint" image put it
-    ============== ==============================================================================================
+    SLOW           a width below 0.25 px, where the iteration hardly contracts: damped, and
+                   polished by least squares where it did not settle
+    MISSING        no start in the frame, no ``predicted``, or no pixel of the window read; NaN,
+                   but a star that is predicted and not seen is where the others of a "joint" image
+                   put it
+    ============== ===============================================================================
 
-    Pixels are integrated over their area and over the path; a sigma error of the spot is not in the
+    Pixels are integrated over their area and over the path; an error of the width is not in the
     predicted error.
 
     Examples
@@ -143,7 +147,7 @@ def aided_centroid(
     >>> frame = render_streaks(
     ...     path.tracks(truth, camera, epoch="end"), path.share, 1e5, 0.6, camera.shape
     ... )
-    >>> stars = aided_centroid(frame, [[101, 201]], path=path, camera=camera, sigma=0.6)
+    >>> stars = aided_centroid(frame, [[101, 201]], path=path, camera=camera, width=0.6)
     >>> stars.xy.round(4).tolist(), bool(stars.converged)
     ([[100.3, 200.8]], True)
     """
@@ -167,11 +171,11 @@ def aided_centroid(
         own_region=own_region,
         stop=Stop(number("tolerance", tolerance, low=1e-12), integer("max_iter", max_iter, low=1)),
     )
-    width = spot_width(sigma)
+    sides = spot_width(width, sigma)
     if origin is not None and start is None:
         cut = take_windows(frames, origin)
     elif start is not None and origin is None:
-        cut = cut_windows(frames, start, window=window, path=path, camera=camera, sigma=width)
+        cut = cut_windows(frames, start, window=window, path=path, camera=camera, sigma=sides)
     else:
         raise ValueError("give start with whole frames, or origin with windows, and not both")
     if path.batch not in ((), cut.batch):
@@ -181,7 +185,7 @@ def aided_centroid(
     scene = Scene(
         path=path,
         camera=camera,
-        sigma=width,
+        sigma=sides,
         cut=cut,
         background=_background(background, cut),
         full_scale=_full_scale(

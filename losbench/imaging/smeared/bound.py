@@ -25,10 +25,11 @@ def streak_bound(
     *,
     path: AttitudePath,
     camera: Camera,
-    sigma: ArrayLike,
+    width: ArrayLike | None = None,
     detector: Detector | None = None,
     background: float = 0.0,
     noise: Detector | None = None,
+    sigma: ArrayLike | None = None,
 ) -> Floats:
     """Cramer-Rao bound of the position of a smeared star whose path and width are known and whose
     flux is not.
@@ -40,12 +41,13 @@ def streak_bound(
     flux : float or array that broadcasts to (..., n), DN
     path : AttitudePath
     camera : Camera
-    sigma : float or (sx, sy), pixels
+    width : float or (sx, sy), pixels
+        Sigma of a star that does not move.
     detector : Detector
     background : float, DN
         Reading of a pixel without star, the offset included.
-    noise
-        Second word for ``detector``.
+    noise, sigma
+        Second words for ``detector`` and ``width``.
 
     Returns
     -------
@@ -68,12 +70,12 @@ def streak_bound(
     >>> camera = Camera(focal_mm=36.6097, pixel_um=10.0, shape=(512, 512))
     >>> rest = gyro_path(np.zeros((5, 3)), interval_s=0.005, exposure_s=0.025)
     >>> bound = streak_bound(
-    ...     [[100.5, 99.5]], 1e6, path=rest, camera=camera, sigma=2.0, detector=Detector()
+    ...     [[100.5, 99.5]], 1e6, path=rest, camera=camera, width=2.0, detector=Detector()
     ... )
-    >>> bound.round(5).tolist()  # near sigma / sqrt(flux) where the star outshines the read noise
+    >>> bound.round(5).tolist()  # near width / sqrt(flux) where the star outshines the read noise
     [[0.00202, 0.00202]]
     """
-    places, width = finite("xy", xy), spot_width(sigma)
+    places, sides = finite("xy", xy), spot_width(width, sigma)
     shaped("xy", places, ("...", "n", 2))
     word, seen_by = named_twice("detector", detector, None, noise=noise)
     if not isinstance(seen_by, Detector):
@@ -81,7 +83,7 @@ def streak_bound(
     tracks = path.tracks(places, camera)
     light = np.broadcast_to(non_negative("flux", flux), tracks.shape[:-2]).ravel()
     flat = tracks.reshape(-1, *tracks.shape[-2:])
-    size = int(np.ceil(np.ptp(flat, axis=1).max() + 2 * _REACH_SIGMAS * width.max() + 1))
+    size = int(np.ceil(np.ptp(flat, axis=1).max() + 2 * _REACH_SIGMAS * sides.max() + 1))
     origin = np.rint((flat.max(axis=1) + flat.min(axis=1)) / 2 - size / 2)
     dark = max(
         float(seen_by.variance_dn(background)), float(seen_by.variance_dn(seen_by.offset_dn))
@@ -91,7 +93,7 @@ def streak_bound(
         part = slice(first, first + _BLOCK)
         focal_px, principal = camera.focal_px, np.asarray(camera.principal_px)
         model = StreakModel(
-            np.empty(0), path.share, focal_px, principal, width, origin[part], (size, size)
+            np.empty(0), path.share, focal_px, principal, sides, origin[part], (size, size)
         )
         seen = model.gradient(flat[part])
         flux_here = light[part, None, None]

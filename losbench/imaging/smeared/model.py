@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.special import erf
 
 from losbench.arrays import Floats, Indices
-from losbench.checks import positive
+from losbench.checks import named_twice, positive
 from losbench.optics.camera import Camera
 from losbench.optics.motion.path import AttitudePath
 
@@ -146,12 +146,15 @@ class StreakModel:
         return 0.5 * (step[..., -1] - step[..., 0]), 0.5 * (last * step[..., -1] - inner)
 
 
-def spot_width(sigma: ArrayLike) -> Floats:
-    """Return sigma as (sx, sy), or raise ``ValueError``."""
-    width = positive("sigma", sigma)
-    if width.shape not in ((), (2,)):
-        raise ValueError(f"sigma must be one number or (sx, sy), got shape {width.shape}")
-    return np.broadcast_to(width, (2,))
+def spot_width(width: ArrayLike | None, sigma: ArrayLike | None) -> Floats:
+    """Return the width that was given by either name as (sx, sy), or raise ``ValueError``."""
+    name, given = named_twice("width", width, None, sigma=sigma)
+    if given is None:
+        raise ValueError("width must be given: sigma in pixels of a star that does not move")
+    sides = positive(name, given)
+    if sides.shape not in ((), (2,)):
+        raise ValueError(f"{name} must be one number or (sx, sy), got shape {sides.shape}")
+    return np.broadcast_to(sides, (2,))
 
 
 def carried(camera: Camera, xy: Floats, turns: Floats) -> Floats:

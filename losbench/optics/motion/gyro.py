@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
-from losbench.checks import finite, integer, number, positive
+from losbench.checks import finite, generator, integer, named_twice, number, positive
 from losbench.optics.motion.vibration import Motion
 
 __all__ = ["Gyro"]
@@ -74,9 +74,10 @@ class Gyro:
         self,
         motion: Motion,
         exposure_s: float,
-        rng: np.random.Generator | int | None = None,
+        seed: np.random.Generator | int | None = None,
         *,
         margin: int = 0,
+        rng: np.random.Generator | int | None = None,
     ) -> Floats:
         """Measure the angle increments of an exposure.
 
@@ -85,10 +86,12 @@ class Gyro:
         motion : Motion
             E.g. a Vibration.
         exposure_s : float, seconds
-        rng : numpy Generator or seed
+        seed : int or numpy Generator
             Needed for a random walk.
         margin : int
             How many increments more to take before the exposure, and as many after it.
+        rng
+            Second word for ``seed``.
 
         Returns
         -------
@@ -98,7 +101,7 @@ class Gyro:
         Raises
         ------
         ValueError
-            If the exposure is not positive, or a random walk is asked for without ``rng``.
+            If the exposure is not positive, or a random walk is asked for without ``seed``.
         """
         exposure = float(positive("exposure_s", number("exposure_s", exposure_s)))
         before = integer("margin", margin, low=0)
@@ -113,8 +116,9 @@ class Gyro:
         bias = finite("bias_deg_h", self.bias_deg_h) * _RAD_S_PER_DEG_H * interval
         measured = seen + (bias[..., None, :] if bias.ndim else bias)
         if self.angle_random_walk_deg_rt_h:
-            if rng is None:
-                raise ValueError("rng must be given for a gyro with an angle random walk")
+            word, source = named_twice("seed", seed, None, rng=rng)
+            if source is None:
+                raise ValueError("seed must be given for a gyro with an angle random walk")
             walk = self.angle_random_walk_deg_rt_h * _RAD_RT_S_PER_DEG_RT_H * np.sqrt(interval)
-            measured = measured + walk * np.random.default_rng(rng).standard_normal(measured.shape)
+            measured = measured + walk * generator(word, source).standard_normal(measured.shape)
         return measured

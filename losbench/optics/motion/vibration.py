@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
-from losbench.checks import choice, finite, integer, number, positive, shaped
+from losbench.checks import (
+    choice,
+    finite,
+    generator,
+    integer,
+    named_twice,
+    number,
+    positive,
+    shaped,
+)
 
 __all__ = ["Motion", "RateSeries", "Vibration", "random_vibration"]
 
@@ -162,11 +171,12 @@ class RateSeries:
 
 def random_vibration(
     n: int,
-    rng: np.random.Generator | int,
+    seed: np.random.Generator | int | None = None,
     *,
     max_rate_rad_s: float,
     frequency_hz: tuple[float, float] = (1.0, 60.0),
     axes: str = "three",
+    rng: np.random.Generator | int | None = None,
 ) -> Vibration:
     """Draw vibrations for n exposures.
 
@@ -174,13 +184,16 @@ def random_vibration(
     ----------
     n : int
         Number of exposures.
-    rng : numpy Generator or seed
+    seed : int or numpy Generator
+        Must be given.
     max_rate_rad_s : float, rad/s
     frequency_hz : (low, high), Hz
         Range of the uniform distribution of frequencies.
     axes : "three" or "one"
         "three": independent sinusoids about x, y and z, each amplitude uniform up to the maximum.
         "one": one sinusoid of the full amplitude about an axis that points anywhere.
+    rng
+        Second word for ``seed``.
 
     Returns
     -------
@@ -201,16 +214,16 @@ def random_vibration(
     count = integer("n", n, low=0)
     top = number("max_rate_rad_s", max_rate_rad_s, low=0.0)
     low, high = positive("frequency_hz", frequency_hz)
-    generator = np.random.default_rng(rng)
+    random = generator(*named_twice("seed", seed, None, rng=rng))
     if choice("axes", axes, ("three", "one")) == "three":
-        amplitude = generator.uniform(0.0, top, (count, 3))
+        amplitude = random.uniform(0.0, top, (count, 3))
         size = (count, 3)
     else:
-        axis = generator.standard_normal((count, 3))
+        axis = random.standard_normal((count, 3))
         amplitude = top * axis / np.linalg.norm(axis, axis=1, keepdims=True)
         size = (count, 1)
     return Vibration(
         amplitude_rad_s=amplitude,
-        frequency_hz=generator.uniform(low, high, size),
-        phase_rad=generator.uniform(0.0, 2.0 * np.pi, size),
+        frequency_hz=random.uniform(low, high, size),
+        phase_rad=random.uniform(0.0, 2.0 * np.pi, size),
     )

@@ -162,9 +162,9 @@ def width_error(
         rows.append(
             {
                 "sigma assumed / true": factor,
-                "every pixel": quiet(shots, path, sigma=sigma).mean(),
-                "above 3 %": quiet(shots, path, sigma=sigma, threshold=0.03).mean(),
-                "least squares": quiet(shots, path, sigma=sigma, method="least_squares").mean(),
+                "every pixel": quiet(shots, path, width=sigma).mean(),
+                "above 3 %": quiet(shots, path, width=sigma, threshold=0.03).mean(),
+                "least squares": quiet(shots, path, width=sigma, method="least_squares").mean(),
             }
         )
     return pd.DataFrame(rows)
@@ -256,7 +256,7 @@ def accuracy(
             flux,
             path=path,
             camera=camera,
-            sigma=setting.sigma_px,
+            width=setting.sigma_px,
             noise=detector,
             background=setting.background_dn,
         )
@@ -284,7 +284,7 @@ def _joint(
         origin=shots.origin.reshape(*grouped, 2),
         path=path,
         camera=shots.setting.camera,
-        sigma=shots.setting.sigma_px,
+        width=shots.setting.sigma_px,
         method="joint",
         predicted=end,
         **options,

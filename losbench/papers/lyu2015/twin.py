@@ -74,7 +74,7 @@ class Exposures:
         """Aided centroids of the clean windows, or of ``frames`` in their place; parameters as for
         `aided_centroid`.
         """
-        options = {"background": 0.0, "sigma": self.setting.sigma_px} | choices
+        options = {"background": 0.0, "width": self.setting.sigma_px} | choices
         return aided_centroid(
             self.windows if frames is None else frames,
             origin=self.origin,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from losbench.arrays import Bools, Floats
-from losbench.checks import choice, finite_or_nan, shaped
+from losbench.checks import choice, unit_quaternions
 
 __all__ = ["Attitudes", "QuaternionConvention"]
 
@@ -19,7 +19,6 @@ Scalar = Literal["last", "first"]
 Direction = Literal["camera_to_inertial", "inertial_to_camera"]
 _SCALAR: tuple[Scalar, ...] = ("last", "first")
 _DIRECTION: tuple[Direction, ...] = ("camera_to_inertial", "inertial_to_camera")
-_UNIT = 1e-3  # text of three decimals keeps unit length to this
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,19 +84,9 @@ class Attitudes:
         """
         if not isinstance(convention, QuaternionConvention):
             raise ValueError(f"convention must be a QuaternionConvention, got {convention!r}")
-        q = finite_or_nan(name, quaternions)
-        shaped(name, q, ("...", 4))
-        length = np.sqrt(np.vecdot(q, q)).reshape(-1)
-        missing = np.isnan(length)
-        bad = ~missing & (np.abs(length - 1.0) > _UNIT)
-        if bad.any():
-            first = int(np.argmax(bad))
-            raise ValueError(
-                f"{name} must have unit length to {_UNIT:g}, but {np.count_nonzero(bad)} of "
-                f"{bad.size} have not; "
-                f"the first, number {first}, has length {length[first]:.4g}"
-            )
+        q = unit_quaternions(name, quaternions)
         flat = q.reshape(-1, 4)
+        missing = np.isnan(flat.sum(axis=-1))
         first_scalar = convention.scalar == "first"
         if missing.any():
             flat = np.where(

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 import losbench as lb
 from losbench.arrays import Floats
 from losbench.figures import COLOURS
+from losbench.imaging.methods import as_background
 from losbench.imaging.places import peak_pixels
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import (
@@ -31,15 +32,9 @@ _SIZE = 61
 _TRUTH = (30.31, 29.83)
 _HOT = (34, 27)
 _FRAMES = 30
+_WINDOW = 19
 _PHASES = np.linspace(-0.5, 0.5, 17)
 _TURN = np.linspace(0.0, 2.0 * np.pi, 73)
-_METHODS: dict[str, dict[str, Any]] = {
-    "EIWA, Newton": {"method": "eiwa"},
-    "EIWA, stops on a small step": {"method": "eiwa", "stop": "step"},
-    "grey, on the peak pixel": {"method": "grey"},
-    "grey, where it starts": {"method": "grey", "centre": "start"},
-    "weighted, Gaussian template": {"method": "weighted"},
-}
 _GAIN_E, _OFFSET_DN = 4.0, 100.0
 
 
@@ -64,6 +59,17 @@ def light_with_a_spot_at(
     return lb.render_spots(xy[..., None, :], flux_e, diameter_px / 4, (_SIZE, _SIZE)) + ramp
 
 
+def methods_with_a_window(window_px: int) -> dict[str, Any]:
+    """Return the centroids to choose from."""
+    return {
+        "EIWA, Newton": lb.EIWA(window=window_px),
+        "EIWA, stops on a small step": lb.EIWA(window=window_px, stop="step"),
+        "grey, on the peak pixel": lb.Grey(window=window_px),
+        "grey, where it starts": lb.Grey(window=window_px, centre="start"),
+        "weighted, Gaussian template": lb.Weighted(window=window_px),
+    }
+
+
 def centroids_of_many_frames(
     *,
     flux_e: float,
@@ -81,7 +87,7 @@ def centroids_of_many_frames(
     """Expose the spot many times and measure it; and once without noise, at places over a pixel."""
     scene = {"flux_e": flux_e, "diameter_px": diameter_px}
     scene |= {"background_e": background_e, "gradient_e": gradient_e}
-    how: dict[str, Any] = {**_METHODS[method], "window": window_px, "background": background}
+    how = {"method": methods_with_a_window(window_px)[method], "background": background}
     truth, off = np.array(_TRUTH), offset_px * np.array([0.8, -0.6])
     detector = detector_with_a_hot_pixel(read_noise_e, hot_e)
     light = light_with_a_spot_at(truth, **scene)
@@ -105,10 +111,12 @@ class CentroidExplorer(Explorer):
         "background_e": Slider("background at x = 0", 50.0, 0.0, 1000.0, 10.0, "e⁻/px"),
         "gradient_e": Slider("its gradient along x", 0.0, 0.0, 10.0, 0.1, "e⁻/px²"),
         "diameter_px": Slider("spot diameter, 4 sigma", 12.0, 4.0, 24.0, 0.5, "px"),
-        "window_px": Slider("window", 19, 5, 39, 2, "px"),
+        "window_px": Slider("window", _WINDOW, 5, 39, 2, "px"),
         "offset_px": Slider("start off by", 2.0, 0.0, 4.0, 0.1, "px"),
         "hot_e": Slider("hot pixel", 0, 0, 20000, 500, "e⁻"),
-        "method": Choice("method", {name: name for name in _METHODS}, "EIWA, Newton"),
+        "method": Choice(
+            "method", {name: name for name in methods_with_a_window(_WINDOW)}, "EIWA, Newton"
+        ),
         "background": Choice(
             "background taken off", {"plane of a ring": "ring", "none": "none"}, "ring"
         ),
@@ -186,9 +194,9 @@ class CentroidExplorer(Explorer):
         seen = self.experiment(**settings)
         frames, found, s_curve = seen["frames"], seen["found"], seen["s_curve"]
         window_px = settings["window_px"]
-        chosen = {name: settings[name] for name in ("method", "window_px", "background")}
+        method = methods_with_a_window(window_px)[settings["method"]]
         errors, sigma = found.xy[:, 0] - _TRUTH, found.sigma_xy[:, 0]
-        path = _path(frames[0], seen["start"], found.xy[0, 0], **chosen)
+        path = _path(frames[0], seen["start"], found.xy[0, 0], method, settings["background"])
         self._show_spot(frames[0], path, window_px)
         self._show_numbers(path, errors, sigma, s_curve)
         with np.errstate(invalid="ignore"):
@@ -230,20 +238,15 @@ class CentroidExplorer(Explorer):
         self._axes["errors"].set(xlim=(-limit, limit), ylim=(-limit, limit))
 
 
-def _path(
-    frame: Any, start: Floats, found: Floats, method: str, window_px: int, background: str
-) -> Floats:
+def _path(frame: Any, start: Floats, found: Floats, method: Any, background: str) -> Floats:
     """Where the window stood, one row for each evaluation; other windows stay, and only their
     centroid is elsewhere.
     """
-    options = dict(_METHODS[method])
-    kind = options.pop("method")
-    if kind == "eiwa":
-        return lb.window_path(
-            frame, start, window=window_px, background=background, **{"stop": "error", **options}
-        )
-    on_peak = kind == "grey" and "centre" not in options
-    first = peak_pixels(frame, start[None], window_px // 4)[0] if on_peak else start.round()
+    if isinstance(method, lb.EIWA):
+        return method.path(frame, start, background=as_background(background))
+    # as centroid() puts it where nothing is said
+    on_peak = method.stays and method.centre is None
+    first = peak_pixels(frame, start[None], method.window // 4)[0] if on_peak else start.round()
     return np.stack([first, np.where(np.isnan(found), first, found)])
 
 

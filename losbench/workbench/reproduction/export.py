@@ -18,7 +18,8 @@ __all__ = ["formula_to_mathml", "notebook_to_html"]
 _TAG = re.compile(r"\\tag\*?\{([^{}]*)\}")
 _NOT_CONVERTED = re.compile(r"<mi>(\\[^<]*|&)</mi>")
 _NUMBER = re.compile(
-    r"[<>≤≥~±]?\s*[-+−]?(\d[\d.,\s]*(e[-+−]?\d+)?|nan|inf|true|false)(\s*±\s*[\d.,]+)?\s*%?|[-–—…]?|\.\.\.",
+    r"[<>≤≥~±]?\s*[-+−]?(\d[\d.,\s]*(e[-+−]?\d+)?|nan|inf|true|false)(\s*±\s*[\d.,]+)?\s*%?"
+    r"|[-–—…]?|\.\.\.",
     re.IGNORECASE,
 )
 
@@ -154,7 +155,8 @@ mtd[columnalign="right"] { text-align: right }
 mi[mathvariant^="bold"], mn[mathvariant="bold"] { font-weight: bold }
 mi[mathvariant="bold"] { text-transform: none }
 .jp-RenderedHTMLCommon td { vertical-align: top }
-.jp-RenderedMarkdown td, .jp-RenderedMarkdown th, .jp-RenderedHTMLCommon .dataframe .words { text-align: left }
+.jp-RenderedMarkdown td, .jp-RenderedMarkdown th,
+.jp-RenderedHTMLCommon .dataframe .words { text-align: left }
 .dataframe tbody th { white-space: nowrap !important }
 .jp-Notebook { max-width: 76rem; margin: 0 auto }
 .jp-MarkdownCell { max-width: 62rem }
@@ -170,7 +172,8 @@ mi[mathvariant="bold"] { text-transform: none }
 {%- endblock -%}
 {% block data_png scoped %}
 <div class="jp-RenderedImage jp-OutputArea-output">
-<img src="data:image/png;base64,{{ output.data['image/png'] }}" alt="{{ output.metadata.alt | escape_html }}">
+<img src="data:image/png;base64,{{ output.data['image/png'] }}"
+alt="{{ output.metadata.alt | escape_html }}">
 {%- if 'application/vnd.jupyter.widget-view+json' in output.data %}
 <p class="still">A still picture. Explorers are live in JupyterLab: <code>make lab</code></p>
 {%- endif %}

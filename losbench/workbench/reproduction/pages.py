@@ -119,7 +119,8 @@ def _title(path: Path) -> str:
 
 _INDEX = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>losbench: the reproduction</title><style>
-body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222 }}
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto;
+padding: 0 1rem; color: #222 }}
 figure {{ display: inline-block; width: 18rem; margin: 0 1rem 1rem 0; vertical-align: top }}
 img {{ max-width: 100%; border: 1px solid #ddd }} figcaption {{ font-size: .85rem }}
 </style></head><body>
@@ -139,7 +140,8 @@ _LEDGER = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>losbench: ledger of claims</title><style>
 body {{ font: 15px/1.45 system-ui, sans-serif; margin: 2rem; color: #222; background: #fff }}
 table {{ border-collapse: collapse; margin: 1rem 0 }}
-th, td {{ text-align: left; vertical-align: top; padding: .3rem .6rem; border-bottom: 1px solid #ddd }}
+th, td {{ text-align: left; vertical-align: top; padding: .3rem .6rem }}
+th, td {{ border-bottom: 1px solid #ddd }}
 th {{ position: sticky; top: 0; background: #f4f4f4 }}
 .claimed, .ours, .odds {{ text-align: right; font-variant-numeric: tabular-nums }}
 .id, .odds, .under {{ white-space: nowrap }}
@@ -148,13 +150,14 @@ td {{ overflow-wrap: anywhere }}
 .reason {{ min-width: 12rem }}
 small {{ display: block; color: #555 }}
 COLOURS</style></head><body>
-<p><a href="html/index.html">All notebooks</a> · <a href="replication.html">Replication report</a></p>
+<p><a href="html/index.html">All notebooks</a> ·
+<a href="replication.html">Replication report</a></p>
 <h1>Ledger of claims</h1>
 <p>{total} printed numbers and statements of three papers: under how many of the readings tried each
-stands, our value with its one-sigma sampling error or its range over the readings, the odds of the print
-under our value against a method that does nothing, the sets of prints it cannot hold together with, what it
-rests on, and a class that rules compute. Ids lead to the cells; <a href="ledger.csv">ledger.csv</a> holds the
-same as a table.</p>
+stands, our value with its one-sigma sampling error or its range over the readings, the odds of the
+print under our value against a method that does nothing, the sets of prints it cannot hold together
+with, what it rests on, and a class that rules compute. Ids lead to the cells;
+<a href="ledger.csv">ledger.csv</a> holds the same as a table.</p>
 <table><tr><th>class</th><th>claims</th><th>meaning</th></tr>{key}</table>
 <table><tr><th>id</th><th>where</th><th>quantity</th><th class="claimed">print</th><th>class</th>
 <th>stands under</th><th class="ours">ours</th><th class="odds">odds</th><th>cannot hold with</th>

@@ -86,7 +86,8 @@ def _paper(
     own = [row for row in rows if row["paper"] == name]
     parts = [
         f"<section><h2>{name}</h2><p class='cite'>{citation}</p>",
-        f"<p>Of {len(own)} printed numbers and statements: {counted(row['verdict'] for row in own)}.</p>",
+        f"<p>Of {len(own)} printed numbers and statements: "
+        f"{counted(row['verdict'] for row in own)}.</p>",
         _figures(pictures, build),
     ]
     for kind, head in _HEADS.items():
@@ -217,24 +218,28 @@ h2 {{ margin: 2rem 0 .2rem }} h3 {{ margin: .9rem 0 .2rem; font-size: 1rem }}
 ul, ol {{ margin: .2rem 0; padding-left: 1.2rem }} li {{ margin: .15rem 0 }}
 small {{ color: #555; overflow-wrap: anywhere }} .cite {{ margin: 0; color: #555 }}
 table {{ border-collapse: collapse; font-size: .9em }}
-th, td {{ text-align: left; vertical-align: top; padding: .15rem .6rem .15rem 0; border-bottom: 1px solid #ddd }}
-.figures {{ display: flex; gap: 1rem; align-items: center }} .figures img {{ width: 49%; min-width: 0 }}
+th, td {{ text-align: left; vertical-align: top; padding: .15rem .6rem .15rem 0 }}
+th, td {{ border-bottom: 1px solid #ddd }}
+.figures {{ display: flex; gap: 1rem; align-items: center }}
+.figures img {{ width: 49%; min-width: 0 }}
 dl {{ display: grid; grid-template-columns: 7rem 1fr; margin: .3rem 0 }} dd {{ margin: 0 }}
 {colours}
 @media print {{
   @page {{ size: A4; margin: 11mm 12mm }}
   body {{ font-size: 7.9pt; line-height: 1.22; max-width: none; margin: 0; padding: 0 }}
   section {{ break-before: page }} h3 {{ margin: .35rem 0 .1rem; font-size: 1.1em }}
-  table {{ font-size: .88em }} li {{ margin: .05rem 0 }} small {{ font-size: 6.9pt }} h2 {{ margin-top: 0 }}
+  table {{ font-size: .88em }} li {{ margin: .05rem 0 }} small {{ font-size: 6.9pt }}
+  h2 {{ margin-top: 0 }}
   li, tr, .figures {{ break-inside: avoid }} a {{ color: inherit; text-decoration: none }}
   ul {{ columns: 2; column-gap: 6mm }} .figures img {{ max-height: 42mm; width: auto }}
 }}
 </style></head><body>
-<p class="screen"><a href="html/index.html">All notebooks</a> · <a href="ledger.html">Ledger of claims</a></p>
+<p class="screen"><a href="html/index.html">All notebooks</a> ·
+<a href="ledger.html">Ledger of claims</a></p>
 <h1>Three papers, replicated</h1>
 <p>{replication}</p>
-<p>{total} printed numbers and statements: {counts}. A class is computed from what the notebooks found, never
-typed:</p>
+<p>{total} printed numbers and statements: {counts}. A class is computed from what the notebooks
+found, never typed:</p>
 <dl>{classes}</dl>
 {papers}
 <section><h2>Time and memory</h2>

@@ -387,8 +387,11 @@ def test_a_star_that_is_missing_raises_no_warning(camera, sense, choices):
             {"path": lb.motion_path(SHAKES, 0.025)},
             r"path must be of one exposure or of \(\) to match frames, got \(150,\)",
         ),
-        ({"sigma": -0.5}, "sigma must be positive, got -0.5"),
-        ({"sigma": [0.5, 0.5, 0.5]}, r"sigma must be one number or \(sx, sy\), got shape \(3,\)"),
+        ({"width": None, "sigma": -0.5}, "sigma must be positive, got -0.5"),
+        (
+            {"width": None, "sigma": [0.5, 0.5, 0.5]},
+            r"sigma must be one number or \(sx, sy\), got shape \(3,\)",
+        ),
         (
             {"method": "magic"},
             "method must be one of 'iterative', 'closed_form', 'least_squares', 'joint'",
@@ -410,6 +413,10 @@ def test_a_star_that_is_missing_raises_no_warning(camera, sense, choices):
             "joint needs at least 2 stars in an image, got 1",
         ),
         ({"max_iter": 0}, "max_iter must be a whole number of at least 1, got 0"),
+        ({"width": -1.0}, "width must be positive, got -1"),
+        ({"width": [1.0, 2.0, 3.0]}, r"width must be one number or \(sx, sy\), got shape \(3,\)"),
+        ({"width": None}, "width must be given"),
+        ({"width": np.ones(2), "sigma": 0.6}, "width and sigma are one thing, got both"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_name(camera, sense, change, message):
@@ -418,7 +425,19 @@ def test_what_does_not_fit_is_refused_by_name(camera, sense, change, message):
         "start": [[50.0, 50.0]],
         "path": sense(lb.Vibration()),
         "camera": camera,
-        "sigma": 0.6,
+        "width": 0.6,
     } | change
     with pytest.raises(ValueError, match=message):
         lb.aided_centroid(**arguments)
+
+
+def test_width_and_sigma_are_one_thing(camera, sense):
+    path, at = sense(lb.Vibration()), [[50.5, 49.5]]
+    how = {"path": path, "camera": camera, "detector": lb.Detector()}
+    bounds = [lb.streak_bound(at, 1e5, **how, **word) for word in ({"width": 0.6}, {"sigma": 0.6})]
+    np.testing.assert_array_equal(*bounds)
+    frame = lb.render_spots(at, 1e5, 0.6, camera.shape)
+    found = [
+        lb.aided_centroid(frame, at, **how, **word).xy for word in ({"width": 0.6}, {"sigma": 0.6})
+    ]
+    np.testing.assert_array_equal(*found)
