@@ -6,6 +6,7 @@ from .estimation.allan import allan_deviation as allan_deviation
 from .estimation.breakdown import DesignBreakdown as DesignBreakdown
 from .estimation.breakdown import deletion_residuals as deletion_residuals
 from .estimation.breakdown import design_breakdown as design_breakdown
+from .estimation.cells import Study as Study
 from .estimation.highbreakdown import lts as lts
 from .estimation.highbreakdown import mm as mm
 from .estimation.influence import efficiency as efficiency
@@ -36,6 +37,7 @@ from .estimation.stability import ErrorSplit as ErrorSplit
 from .estimation.stability import lsfe as lsfe
 from .estimation.stability import nea as nea
 from .estimation.stability import split_error as split_error
+from .estimation.study import study as study
 from .imaging.background import Level as Level
 from .imaging.background import Ring as Ring
 from .imaging.centroid import centroid as centroid

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.checks import boolean, integer
+from losbench.spread import spread
 
-__all__ = ["monte_carlo"]
+__all__ = ["Trial", "monte_carlo", "trials_of"]
 
 Trial = Callable[[np.random.Generator, int], Mapping[str, ArrayLike]]
 
@@ -36,7 +37,7 @@ def monte_carlo(
     seed : int
         Root of the streams: chunk k draws from child k of ``SeedSequence(seed)``.
     executor : optional
-        Anything with the ``map`` or ``submit`` of concurrent.futures: a pool of threads or
+        Anything with the ``submit`` or ``map`` of concurrent.futures: a pool of threads or
         processes, or what a dask client's ``get_executor()`` returns. The result has the same bits
         with any of them, and with none.
     chunk : int
@@ -64,18 +65,25 @@ def monte_carlo(
     True
     """
     count, size = integer("n", n, low=1), integer("chunk", chunk, low=1)
-    sizes = [min(size, count - first) for first in range(0, count, size)]
-    streams = np.random.SeedSequence(integer("seed", seed, low=0)).spawn(len(sizes))
-    results = _run(partial(_chunk, trial), streams, sizes, executor)
+    root = integer("seed", seed, low=0)
+    jobs = ((k, min(size, count - k * size)) for k in range(-(-count // size)))
+    results: Iterator[dict[str, NDArray[Any]]] = spread(
+        partial(trials_of, trial, root), jobs, executor=executor, named=partial(_named, root)
+    )
     if boolean("progress", progress):
         from tqdm.auto import tqdm
 
-        results = tqdm(results, total=len(sizes), unit="chunk")
+        results = tqdm(results, total=-(-count // size), unit="chunk")
     return _join(list(results))
 
 
-def _chunk(trial: Trial, stream: np.random.SeedSequence, size: int) -> dict[str, NDArray[Any]]:
-    found = trial(np.random.default_rng(stream), size)
+def trials_of(
+    trial: Callable[..., Mapping[str, ArrayLike]], seed: int, k: int, size: int, **parameters: Any
+) -> dict[str, NDArray[Any]]:
+    """Run the ``size`` trials of chunk ``k``, and check what they return."""
+    # What spawn() would give as its child k, without the children before it.
+    stream = np.random.SeedSequence(seed, spawn_key=(k,))
+    found = trial(np.random.default_rng(stream), size, **parameters)
     if not isinstance(found, Mapping):
         raise ValueError(
             f"trial must return a dict of arrays ({size}, ...), got {type(found).__name__}"
@@ -90,23 +98,8 @@ def _chunk(trial: Trial, stream: np.random.SeedSequence, size: int) -> dict[str,
     return result
 
 
-def _run(
-    work: Callable[..., dict[str, NDArray[Any]]],
-    streams: list[np.random.SeedSequence],
-    sizes: list[int],
-    executor: Any,
-) -> Iterable[dict[str, NDArray[Any]]]:
-    if executor is None:
-        return map(work, streams, sizes)
-    if hasattr(executor, "submit"):
-        return _results([executor.submit(work, *job) for job in zip(streams, sizes, strict=True)])
-    if hasattr(executor, "map"):
-        return executor.map(work, streams, sizes)
-    raise TypeError(f"executor must have a method map or submit, got {type(executor).__name__}")
-
-
-def _results(futures: list[Any]) -> Iterator[dict[str, NDArray[Any]]]:
-    return (future.result() for future in futures)
+def _named(seed: int, k: int, size: int) -> str:
+    return f"chunk {k}, {size} trials of seed {seed}"
 
 
 def _join(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:

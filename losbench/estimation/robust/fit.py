@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from losbench.arrays import Bools, Floats, Ints
 from losbench.checks import boolean, choice, finite, integer, named_twice, number
 from losbench.estimation.losses import Huber, Loss, psi_deriv, read_loss
+from losbench.estimation.robust.failures import warn_of_failures
 from losbench.estimation.robust.iterate import Groups, Method, iterate
 from losbench.estimation.robust.pooled import iterate_pooled
 from losbench.estimation.robust.problem import (
@@ -357,12 +358,14 @@ def report_rank(problem: Problem, on_fail: str) -> None:
 
 def _report(converged: Bools, max_iter: int, on_fail: str) -> None:
     failed = int(np.count_nonzero(~converged))
-    if failed:
-        _tell(
-            f"irls: {failed} of {converged.size} systems did not converge in {max_iter} iterations",
-            "their last iterate is kept, see .converged",
-            on_fail,
-        )
+    if not failed:
+        return
+    what = f"irls: {failed} of {converged.size} systems did not converge in {max_iter} iterations"
+    if on_fail == "raise":
+        raise RuntimeError(what)
+    if on_fail == "warn":
+        said = f"{what}; their last iterate is kept, see .converged"
+        warn_of_failures(failed, said, stacklevel=3)
 
 
 def _tell(what: str, consequence: str, on_fail: str) -> None:

@@ -14,6 +14,7 @@ from losbench.arrays import Bools, Floats, Indices, Ints
 from losbench.checks import boolean, choice, finite_or_nan, integer, shaped
 from losbench.estimation.losses import Loss
 from losbench.estimation.robust import lstsq
+from losbench.estimation.robust.failures import warn_of_failures
 from losbench.estimation.robust.scales import Scale
 from losbench.estimation.solvers import LeastSquares, Solver, as_part, pooling, read_solver
 from losbench.optics.camera import Model, design_matrix, project
@@ -160,11 +161,10 @@ def solve_attitude(
         )
     failed = int(np.count_nonzero(fit.ok & ~fit.converged))
     if failed:
-        warnings.warn(
+        warn_of_failures(
+            failed,
             f"{failed} of {fit.ok.size} attitudes did not converge; their last iterate is kept, "
             "see .converged",
-            RuntimeWarning,
-            stacklevel=2,
         )
     return _restored(fit, blocks.batch, moved.shape)
 

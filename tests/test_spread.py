@@ -1,0 +1,148 @@
+"""One meaning of an executor: order, at most so many at once, the first failure ends it all."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pytest
+
+from losbench import spread as spread_module
+from losbench.spread import IN_FLIGHT, spread
+
+
+class Later:
+    """An executor that works only when somebody waits, and sees how many do."""
+
+    def __init__(self):
+        self.waiting, self.most = [], 0
+
+    def submit(self, work, *job):
+        outer = self
+
+        class Waiting(Future):
+            def result(self, timeout=None):
+                outer.waiting.remove(self)
+                return work(*job)
+
+        future = Waiting()
+        self.waiting.append(future)
+        self.most = max(self.most, len(self.waiting))
+        return future
+
+
+class Pool:
+    def map(self, work, *jobs):
+        return list(map(work, *jobs))
+
+
+def named(x):
+    return f"chunk {x}"
+
+
+def odd_ones(x):
+    if x == 20:
+        raise ValueError("even twenty")
+    return x**2
+
+
+def test_results_come_in_order_and_no_more_than_so_many_are_out():
+    later, taken = Later(), []
+
+    def jobs():
+        for x in range(50):
+            taken.append(x)
+            yield (x + 100,)
+
+    results = spread(lambda x: x**2, jobs(), executor=later, named=named)
+    assert taken == []
+    assert next(results) == 10_000
+    assert len(taken) == IN_FLIGHT
+    assert list(results) == [(x + 100) ** 2 for x in range(1, 50)]
+    assert later.most == IN_FLIGHT
+
+
+@pytest.mark.parametrize("executor", [None, Later(), Pool()])
+def test_a_failure_is_named_and_the_rest_cancelled(executor):
+    results = spread(odd_ones, ((x,) for x in range(40)), executor=executor, named=named)
+    with pytest.raises(ValueError, match="even twenty") as failed:
+        list(results)
+    where = "in chunk 20" if not isinstance(executor, Pool) else "in chunk 16"
+    assert failed.value.__notes__ == [where]
+    if isinstance(executor, Later):
+        assert executor.waiting
+        assert all(future.cancelled() for future in executor.waiting)
+
+
+def test_a_worker_that_is_killed_is_told_with_what_it_worked_on():
+    context = multiprocessing.get_context("spawn")
+    with (
+        ProcessPoolExecutor(1, mp_context=context) as pool,
+        pytest.raises(BrokenProcessPool) as failed,
+    ):
+        list(spread(os._exit, [(1,)], executor=pool, named=lambda x: "frames 0 to 63"))
+    assert failed.value.__notes__ == ["in frames 0 to 63"]
+
+
+def test_an_executor_must_be_one():
+    with pytest.raises(TypeError, match="executor must have a method map or submit, got int"):
+        spread(pow, [], executor=4, named=named)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's own")
+def test_the_allocator_is_set_only_where_dask_changed_it(monkeypatch):
+    calls = []
+    monkeypatch.setattr(
+        spread_module.ctypes,
+        "CDLL",
+        lambda name: type("libc", (), {"mallopt": staticmethod(lambda *set_: calls.append(set_))}),
+    )
+    for given, expected in [("", []), ("65536", [(-1, 2**28), (-3, 2**25)])]:
+        monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", given)
+        spread_module._settle_in.__wrapped__()
+        assert calls == expected
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills a process as POSIX does")
+def test_workers_end_when_the_parent_is_killed(tmp_path):
+    (tmp_path / "owner.py").write_text(
+        textwrap.dedent(
+            """
+            import os, pathlib, time
+            from concurrent.futures import ProcessPoolExecutor
+            from losbench.spread import spread
+
+            def work(k):
+                pathlib.Path("worker").write_text(str(os.getpid()))
+                time.sleep(60)
+
+            if __name__ == "__main__":
+                with ProcessPoolExecutor(1) as pool:
+                    list(spread(work, [(0,)], executor=pool, named=str))
+            """
+        )
+    )
+    owner = subprocess.Popen([sys.executable, "-W", "ignore", "owner.py"], cwd=tmp_path)
+    end = time.monotonic() + 30
+    while not (tmp_path / "worker").exists() or not (tmp_path / "worker").read_text():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    worker = int((tmp_path / "worker").read_text())
+    owner.send_signal(signal.SIGKILL)
+    owner.wait()
+    while True:
+        try:
+            os.kill(worker, 0)
+        except ProcessLookupError:
+            break
+        status = Path(f"/proc/{worker}/stat")
+        if status.exists() and status.read_text().split()[2] == "Z":  # nobody is there to bury it
+            break
+        assert time.monotonic() < end, "the worker outlives its owner"
+        time.sleep(0.05)
