@@ -62,7 +62,7 @@ class PairReport:
         heads, arcsec; without spots only before.
     tracks : DataFrame
         One row per track: means with their one-sigma errors, and total, LSFE and NEA before and
-        after (3 sigma, arcsec; the paper's and unbiased forms with one-sigma uncertainties). NaN
+        after (3 sigma; the paper's and unbiased forms with one-sigma uncertainties). NaN
         where the track cannot tell.
     notes : tuple of str
         What the reader must know, a line each.

@@ -80,14 +80,15 @@ def change_notes(tracks: pd.DataFrame) -> list[str]:
     """Say so if the correction makes the change from the first to the last track larger, clearly
     beyond its error.
     """
-    found = ends(tracks, "mean_before", "mean_after")
+    found = ends(tracks, "mean_before_arcsec", "mean_after_arcsec")
     if found is None:
         return []
     first, last = found
     raw, corrected = (
-        last[f"mean_{which}"] - first[f"mean_{which}"] for which in ("before", "after")
+        last[f"mean_{which}_arcsec"] - first[f"mean_{which}_arcsec"]
+        for which in ("before", "after")
     )
-    error = float(np.hypot(last["mean_after_sigma"], first["mean_after_sigma"]))
+    error = float(np.hypot(last["mean_after_sigma_arcsec"], first["mean_after_sigma_arcsec"]))
     if not abs(corrected) - abs(raw) > _BEYOND * error:
         return []
     return [
@@ -99,7 +100,7 @@ def change_notes(tracks: pd.DataFrame) -> list[str]:
 
 def slow_notes(tracks: pd.DataFrame) -> list[str]:
     """Say so if the slow error is far above the noise."""
-    ratio = float((tracks["lsfe_unbiased"] / tracks["nea_unbiased"]).median())
+    ratio = float((tracks["lsfe_unbiased_arcsec"] / tracks["nea_unbiased_arcsec"]).median())
     if not ratio > _SLOW:
         return []
     return [

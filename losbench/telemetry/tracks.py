@@ -25,7 +25,7 @@ _SPARSEST = 8  # steps of the clock between angles; beyond, a slow head looks li
 
 def track_lines(tracks: pd.DataFrame, zero_deg: float) -> list[str]:
     """Every track in a line, then the change from the first to the last."""
-    if "mean_after" in tracks:
+    if "mean_after_arcsec" in tracks:
         told = [_track_line(row) for _, row in tracks.iterrows()]
     else:
         told = [_plain_line(row, zero_deg) for _, row in tracks.iterrows()]
@@ -50,10 +50,10 @@ def track_table(angle: pd.DataFrame, read: Telemetry, window: int) -> pd.DataFra
             series = samples[f"{which}_arcsec"].to_numpy()
             known = np.count_nonzero(np.isfinite(series))
             gapped = mark_gaps(*_on_own_step(time, series))
-            row[f"mean_{which}"] = np.nanmean(series) if known else np.nan
+            row[f"mean_{which}_arcsec"] = np.nanmean(series) if known else np.nan
             if len(told) == 1:
-                row["std_before"] = np.nanstd(series) if known else np.nan
-            row[f"mean_{which}_sigma"] = (
+                row["std_before_arcsec"] = np.nanstd(series) if known else np.nan
+            row[f"mean_{which}_sigma_arcsec"] = (
                 np.sqrt(variance_sampling(gapped)[0]) if known > 1 else np.nan
             )
             row |= _split(gapped, window, which)
@@ -81,13 +81,13 @@ def _split(series: Floats, window: int, which: str) -> dict[str, object]:
         None if nothing else split_error(series, window=window, unbiased=u) for u in (False, True)
     )
     row: dict[str, object] = {
-        f"{name}_{which}": np.nan if paper is None else float(getattr(paper, name))
+        f"{name}_{which}_arcsec": np.nan if paper is None else float(getattr(paper, name))
         for name in ("total", "lsfe", "nea")
     }
     if which == "before":
         for name in ("lsfe", "nea"):
-            row[f"{name}_unbiased"] = np.nan if fair is None else float(getattr(fair, name))
-            row[f"{name}_unbiased_sigma"] = (
+            row[f"{name}_unbiased_arcsec"] = np.nan if fair is None else float(getattr(fair, name))
+            row[f"{name}_unbiased_sigma_arcsec"] = (
                 np.nan if fair is None else float(getattr(fair, f"{name}_sigma"))
             )
     return row
@@ -98,47 +98,52 @@ def _least_samples(window: int) -> int:
 
 
 def short_notes(tracks: pd.DataFrame, window: int) -> list[str]:
-    """Say how many tracks are too short or too full of gaps for an error split."""
-    last = "total_after" if "total_after" in tracks else "total_before"
+    """Say which split is printed, and how many tracks are too short or too full of gaps for one."""
+    last = "total_after_arcsec" if "total_after_arcsec" in tracks else "total_before_arcsec"
     short = int(tracks[last].isna().sum())
-    return [
+    which = (
+        "LSFE and NEA are three sigma before correction, unbiased: LSFE is what a mean over "
+        f"{window} samples keeps, less its share of the noise. The paper's own forms are the "
+        "columns lsfe_before_arcsec and nea_before_arcsec of tracks.csv."
+    )
+    told = [which] if short < len(tracks) else []
+    return told + [
         f"{short} of {len(tracks)} tracks have fewer than {_least_samples(window)} angles, or too "
-        f"few runs of {window} "
-        "without a gap: no split."
+        f"few runs of {window} without a gap: no split."
     ] * (short > 0)
 
 
 def _plain_line(row: pd.Series, zero_deg: float) -> str:
     line = f"track {row['track']} at {row['start']}: angle "
-    if np.isnan(row["mean_before"]):
+    if np.isnan(row["mean_before_arcsec"]):
         return line + "missing"
     line += (
-        f"{zero_deg + row['mean_before'] / 3600.0:.6f} deg, standard deviation "
-        f"{row['std_before']:.3g} arcsec ({row['samples'] - row['missing']} angles); "
+        f"{zero_deg + row['mean_before_arcsec'] / 3600.0:.6f} deg, standard deviation "
+        f"{row['std_before_arcsec']:.3g} arcsec ({row['samples'] - row['missing']} angles); "
     )
-    if np.isnan(row["total_before"]):
+    if np.isnan(row["total_before_arcsec"]):
         return line + "no split"
-    return line + f"3 sigma total {row['total_before']:.3f} arcsec, {_told_split(row)}"
+    return line + f"3 sigma total {row['total_before_arcsec']:.3f} arcsec, {_told_split(row)}"
 
 
 def _track_line(row: pd.Series) -> str:
     line = (
         f"track {row['track']} at {row['start']}: angle "
-        f"{_said(row['mean_before'], '+.3f', ' arcsec from design')}, "
-        f"corrected {_said(row['mean_after'])} ({row['samples'] - row['missing']} angles); "
+        f"{_said(row['mean_before_arcsec'], '+.3f', ' arcsec from design')}, "
+        f"corrected {_said(row['mean_after_arcsec'])} ({row['samples'] - row['missing']} angles); "
     )
-    if np.isnan(row["total_before"]):
+    if np.isnan(row["total_before_arcsec"]):
         return line + "no split"
     return line + (
-        f"3 sigma total {row['total_before']:.3f} -> {_said(row['total_after'], '.3f')}, "
-        f"{_told_split(row)}"
+        f"3 sigma total {row['total_before_arcsec']:.3f} -> "
+        f"{_said(row['total_after_arcsec'], '.3f')}, {_told_split(row)}"
     )
 
 
 def _told_split(row: pd.Series) -> str:
     return (
-        f"LSFE {row['lsfe_unbiased']:.3f} +- {row['lsfe_unbiased_sigma']:.3f}, "
-        f"NEA {row['nea_unbiased']:.3f} +- {row['nea_unbiased_sigma']:.3f}"
+        f"LSFE {row['lsfe_unbiased_arcsec']:.3f} +- {row['lsfe_unbiased_sigma_arcsec']:.3f}, NEA "
+        f"{row['nea_unbiased_arcsec']:.3f} +- {row['nea_unbiased_sigma_arcsec']:.3f}"
     )
 
 
@@ -152,17 +157,18 @@ def _change_line(tracks: pd.DataFrame) -> list[str]:
     """The change from the first to the last track that has both angles, else of the uncorrected one
     alone.
     """
-    plain = "mean_after" not in tracks
-    found = None if plain else ends(tracks, "mean_before", "mean_after")
-    found = found or ends(tracks, "mean_before")
+    plain = "mean_after_arcsec" not in tracks
+    found = None if plain else ends(tracks, "mean_before_arcsec", "mean_after_arcsec")
+    found = found or ends(tracks, "mean_before_arcsec")
     if found is None:
         return []
     first, last = found
     if plain:
-        raw = _said(last["mean_before"] - first["mean_before"])
+        raw = _said(last["mean_before_arcsec"] - first["mean_before_arcsec"])
         return [f"track {first['track']} to {last['track']}: angle changed by {raw} arcsec"]
     raw, corrected = (
-        _said(last[f"mean_{which}"] - first[f"mean_{which}"]) for which in ("before", "after")
+        _said(last[f"mean_{which}_arcsec"] - first[f"mean_{which}_arcsec"])
+        for which in ("before", "after")
     )
     return [
         f"track {first['track']} to {last['track']}: angle changed by {raw} arcsec, corrected "

@@ -46,7 +46,8 @@ def test_the_example_comes_back_with_its_drift_and_without_it_in_the_angle(examp
             assert abs((report.angle[name] - truth[name])[last].mean()) < allowed
     changes = report.tracks.set_index("track")
     raw, corrected = (
-        changes.loc[2, f"mean_{w}"] - changes.loc[1, f"mean_{w}"] for w in ("before", "after")
+        changes.loc[2, f"mean_{w}_arcsec"] - changes.loc[1, f"mean_{w}_arcsec"]
+        for w in ("before", "after")
     )
     assert raw - corrected == pytest.approx(1.1, abs=0.01)
     assert changes.loc[1, "start"] == "2022-01-26T04:00:00.000Z"
@@ -136,7 +137,9 @@ def test_gaps_flips_and_lost_spots_are_noted_and_do_no_harm(example, form, tmp_p
     ):
         assert text in notes
     assert report.tracks["missing"].tolist() == [3, 0]
-    np.testing.assert_allclose(report.tracks["total_after"], clean.tracks["total_after"], rtol=0.03)
+    np.testing.assert_allclose(
+        report.tracks["total_after_arcsec"], clean.tracks["total_after_arcsec"], rtol=0.03
+    )
     other = np.setdiff1d(np.arange(639), [*range(50, 53), *range(200, 210)])
     source = np.where(other < 300, other, other + 1)
     np.testing.assert_allclose(
@@ -374,9 +377,11 @@ def test_a_track_of_scattered_gaps_has_a_mean_and_no_split(example, form, tmp_pa
     )
     first, second = (report.tracks.iloc[k] for k in range(2))
     clean = correct_telemetry(example / "telemetry.csv", tmp_path / "clean").tracks
-    assert np.isnan(first[["total_before", "lsfe_unbiased", "nea_after"]].astype(float)).all()
-    assert first["mean_after"] == pytest.approx(clean.loc[0, "mean_after"], abs=0.05)
-    assert second["lsfe_unbiased"] == clean.loc[1, "lsfe_unbiased"]
+    assert np.isnan(
+        first[["total_before_arcsec", "lsfe_unbiased_arcsec", "nea_after_arcsec"]].astype(float)
+    ).all()
+    assert first["mean_after_arcsec"] == pytest.approx(clean.loc[0, "mean_after_arcsec"], abs=0.05)
+    assert second["lsfe_unbiased_arcsec"] == clean.loc[1, "lsfe_unbiased_arcsec"]
     lines = report.summary().splitlines()
     assert "(213 angles); no split" in lines[0] and "nan" not in report.summary()
 

@@ -46,11 +46,15 @@ def test_the_angle_its_split_and_what_is_missing_are_told(table, tmp_path):
     assert report.pair is None and not report.designed
     assert report.zero_deg == pytest.approx(truth.angle_deg, abs=1e-4)
     row = report.tracks.iloc[0]
-    assert row["nea_unbiased"] == pytest.approx(np.sqrt(2) * truth.nea_arcsec, rel=0.1)
+    assert row["nea_unbiased_arcsec"] == pytest.approx(np.sqrt(2) * truth.nea_arcsec, rel=0.1)
     assert report.angle.columns.tolist() == ["time_s", "track", "before_arcsec"]
     text = report.summary()
     for said in ("deg, standard deviation", "No reference spots", "No design angle", "ms added"):
         assert said in text
+    assert "LSFE and NEA are three sigma before correction, unbiased" in text
+    assert "mean over 5 samples" in text and "lsfe_before_arcsec" in report.tracks
+    plain = {"track", "start", "samples", "missing"}
+    assert all(name in plain or name.endswith("_arcsec") for name in report.tracks)
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written >= {"angle.csv", "tracks.csv", "angle.png", "report.txt"}
     assert not written & {"corrected.csv", "drift.png"}
@@ -125,7 +129,7 @@ def test_a_head_that_answers_in_every_other_row_gets_its_split(table, tmp_path):
     row = judged(sparse, tmp_path).tracks.iloc[0]
     assert row["missing"] == 1200
     whole = judged(table[::2], tmp_path).tracks.iloc[0]
-    for name in ("total_before", "lsfe_unbiased", "nea_unbiased"):
+    for name in ("total_before_arcsec", "lsfe_unbiased_arcsec", "nea_unbiased_arcsec"):
         assert row[name] == pytest.approx(whole[name], rel=1e-9)
 
 
