@@ -63,11 +63,16 @@ def naive_eiwa(image, start, window, *, tolerance=1e-3, max_iter=50):
 def _naive_plane(pixels, x, y, half):
     in_ring = np.maximum(abs(x), abs(y)) > half
     value, x, y = pixels[in_ring], x[in_ring], y[in_ring]
+    basis = np.column_stack([np.ones(len(value)), x, y])
+    plane, *_ = np.linalg.lstsq(basis, value, rcond=None)
+    residual = value - basis @ plane
+    scatter = np.sqrt((residual**2).sum() / (len(value) - 3))
+    if abs(residual).max() <= 3.5 * scatter and abs((residual**3).mean()) <= 0.6 * scatter**3:
+        return plane
     few = value[::4]
     middle = np.sort(few)[len(few) // 2]
     deviation = np.abs(few - middle)
     scatter = max(1.4826 * np.sort(deviation)[len(few) // 2], deviation.mean() / 3)
-    basis = np.column_stack([np.ones(len(value)), x, y])
     residual = value - middle
     for _ in range(2):
         keep = np.abs(residual) <= 3 * scatter
@@ -133,12 +138,8 @@ def measure_rows():
                 for image, p in zip(images, start, strict=False)
             ]
 
-        calls |= {"sep": lambda _: winpos(11), "sep1": lambda _: winpos(1)}
-        peers += [
-            ("eiwa", "sep", "sep.winpos", 10.0),
-            ("eiwa", "sep1", "sep.winpos(subpix=1)", 2.5),
-        ]
-        peers += [("weighted", "sep", "sep.winpos", 3.0)]
+        calls |= {"sep": lambda _: winpos(11)}
+        peers += [("eiwa", "sep", "sep.winpos", 3.0), ("weighted", "sep", "sep.winpos", 3.0)]
         every = [
             np.ascontiguousarray(frame, dtype=np.float32) - np.median(frame) for frame in frames
         ]
@@ -171,6 +172,69 @@ def measure_rows():
             target,
             f"{1e6 * other:.1f} / {1e6 * own:.1f} us per spot",
         )
+
+
+def field(frames, count, seed=0, sigma=2.0, cell=40):
+    """Frames (F, H, W) of spots on a jittered lattice, and where they are (F, n, 2)."""
+    rng = np.random.default_rng(seed)
+    across = int(np.ceil(np.sqrt(count)))
+    row, column = np.divmod(np.arange(count), across)
+    corner = np.stack([column, row], axis=-1) * cell
+    xy = corner + cell / 2 + rng.uniform(-0.5, 0.5, (frames, count, 2))
+    light = np.zeros((frames, (row.max() + 1) * cell, across * cell))
+    for k, (x, y) in enumerate(corner):
+        place = xy[:, k : k + 1]
+        light[:, y : y + cell, x : x + cell] = lb.render_spots(
+            place, 2e4, sigma, (cell, cell), origin=(x, y)
+        )
+    return CAMERA.expose(light + 100.0, rng), xy
+
+
+def shape_rows():
+    """Rows of one frame with many spots, and of many with few: all flags on, beside sep."""
+    import sep
+
+    width = 2.0
+    for frames, count in ((1, 800), (1, 100), (20, 40), (1000, 2)):
+        stack, xy = field(frames, count)
+        start, sigma = np.rint(xy), np.full(count, width)
+        flat = [np.ascontiguousarray(frame, dtype=np.float32) for frame in stack]
+
+        def winpos(images, start=start, sigma=sigma):
+            for image, p in zip(images, start, strict=True):
+                sep.winpos(image, p[:, 0], p[:, 1], sigma, subpix=1)
+
+        def with_background(images, winpos=winpos):
+            winpos([image - sep.Background(image).back() for image in images])
+
+        calls = {
+            "given": lambda _, s=stack, p=start: lb.centroid(
+                s, p, method=lb.Weighted(2, window=13)
+            ),
+            "found": lambda _, s=stack, p=start: lb.centroid(s, p, method=lb.Weighted(window=13)),
+            "eiwa": lambda _, s=stack, p=start: lb.centroid(s, p, method=lb.EIWA(13)),
+            "likely": lambda _, s=stack, p=start: lb.centroid(
+                s, p, method=lb.Likelihood(width, window=13)
+            ),
+            "sep": lambda _, flat=flat, winpos=winpos: winpos(flat),
+            "back": lambda _, flat=flat, call=with_background: call(flat),
+        }
+        taken = {k: 1e6 * t / (frames * count) for k, t in in_turns(calls, 9).items()}
+        what, sep1 = f"{frames} x {count}", taken["sep"]
+        detail = f"{taken['given']:.1f} / {sep1:.1f} us per spot"
+        highest = {800: 1.6, 2: 1.0}.get(count, 4.0)
+        yield f"{what}: weighted / sep.winpos(subpix=1)", taken["given"] / sep1, -highest, detail
+        if frames == 1 and count == 800:
+            detail = f"{taken['found']:.1f} / {sep1:.1f} us per spot"
+            yield f"{what}: weighted, width found / same", taken["found"] / sep1, -2.2, detail
+        detail = f"{taken['back']:.1f} / {taken['given']:.1f} us per spot"
+        ratio = taken["back"] / taken["given"]
+        yield f"{what}: sep.Background + winpos / weighted", ratio, 1.0, detail
+        detail = f"{taken['likely']:.1f} / {taken['given']:.1f} us per spot"
+        ratio = taken["likely"] / taken["given"]
+        yield f"{what}: likelihood / weighted", ratio, -5.0, detail
+        detail = f"{taken['eiwa']:.1f} / {sep1:.1f} us per spot"
+        yield f"{what}: eiwa / sep.winpos(subpix=1)", taken["eiwa"] / sep1, -4.0, detail
 
 
 def find_rows():
@@ -212,7 +276,8 @@ def main() -> None:
     save = parser.parse_args().save
     cv2.setNumThreads(1)
     table, missed = [], False
-    for what, ratio, target, detail in (*measure_rows(), *find_rows()):
+    shapes = shape_rows() if importlib.util.find_spec("sep") else ()
+    for what, ratio, target, detail in (*measure_rows(), *shapes, *find_rows()):
         # A negative target is a ceiling.
         ok = ratio <= -target if target < 0 else ratio >= target
         bound = f"{'<=' if target < 0 else '>='} {abs(target):g}"

@@ -10,9 +10,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Floats, Indices, Pixels
+from losbench.arrays import Floats, Indices
 from losbench.checks import integer, number
-from losbench.imaging.background import RING, Background
+from losbench.imaging.background import Background, ring_places
 from losbench.imaging.detector import Detector
 from losbench.imaging.flags import Cut, judged
 from losbench.imaging.hotpixels import gate_hot_pixels
@@ -20,7 +20,7 @@ from losbench.imaging.noise import peak_reading, pixel_noise
 from losbench.imaging.protocols import CentroidMethod, Windows
 from losbench.imaging.ranks import digit_step
 from losbench.imaging.results import Measured, SpotFlag
-from losbench.imaging.stamps import cut_stamps
+from losbench.imaging.stamps import cut_stamps, take_pixels
 
 __all__ = ["Engine"]
 
@@ -145,14 +145,12 @@ class Engine:
         """Cut M windows, each with a margin of one pixel, around whole pixels (M, 2), and take the
         background off.
         """
-        stamps = cut_stamps(stack, frame, middle, self.ring // 2 + RING)
-        plane = self.background.under(stamps, self.ring)
+        ring = take_pixels(stack, frame, middle, *ring_places(self.ring))
+        plane = self.background.under(ring, self.ring)
         gate = self.method.hot_pixel_gate
         # One pixel for the window to move in, and one more where the gate looks at neighbours.
-        reach = self.window // 2 + (2 if gate else 1)
-        margin = slice(self.ring // 2 + RING - reach, self.ring // 2 + RING + reach + 1)
-        raw = np.ascontiguousarray(stamps[:, margin, margin])
-        signal: Pixels = raw - plane.over(reach, raw.dtype)
+        raw = cut_stamps(stack, frame, middle, self.window // 2 + (2 if gate else 1))
+        signal = plane.off(raw)
         absent = np.isnan(raw)
         missing = absent if absent.any() else None
         if missing is not None:

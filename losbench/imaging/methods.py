@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from losbench.checks import choice, number
 from losbench.imaging.background import Background, Level, Ring
 from losbench.imaging.eiwa import EIWA
-from losbench.imaging.gaussian import Gaussian
 from losbench.imaging.grey import Grey
+from losbench.imaging.likelihood import Gaussian, Likelihood
 from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.weighted import Weighted
 
@@ -22,6 +22,7 @@ _METHODS: dict[str, type[CentroidMethod]] = {
     "eiwa": EIWA,
     "grey": Grey,
     "weighted": Weighted,
+    "likelihood": Likelihood,
     "gaussian": Gaussian,
 }
 

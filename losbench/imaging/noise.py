@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Pixels
 from losbench.imaging.background import Plane
+from losbench.imaging.columns import Templates
 from losbench.imaging.detector import Detector
 
 __all__ = ["PixelNoise", "peak_reading", "pixel_noise"]
@@ -37,6 +38,25 @@ class PixelNoise:
     def of(self, some: NDArray[Any] | slice) -> PixelNoise:
         """Return that of some of the windows."""
         return PixelNoise(self.floor[some], self.per_dn, self.plane[some])
+
+    def unit(self, flux: Floats) -> Floats:
+        """Variance (M,) under all the light of a spot, in which the others are counted."""
+        return self.floor + self.per_dn * np.maximum(np.nan_to_num(flux), 0.0)
+
+    def relative(self, flux: Floats, at: Templates) -> Pixels | None:
+        """Variance (M, S, S) of the pixels under a template with that flux, in those units; None
+        where it is the same for all.
+        """
+        if not self.per_dn:
+            return None
+        unit = self.unit(flux)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # Frames without noise still need weights, though any will do.
+            flat = np.where(unit > 0, self.floor / unit, 1.0)
+        light = at.light
+        light *= (1.0 - flat).astype(light.dtype)[:, None, None]
+        light += np.maximum(flat, 1e-6).astype(light.dtype)[:, None, None]
+        return light
 
 
 def pixel_noise(

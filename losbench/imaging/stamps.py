@@ -7,12 +7,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from losbench.arrays import Indices, Pixels
 
-__all__ = ["cut_stamps"]
+__all__ = ["cut_stamps", "take_pixels"]
 
 
 def cut_stamps(stack: NDArray[Any], frame: Indices, centre: Indices, reach: int) -> Pixels:
@@ -34,24 +33,37 @@ def cut_stamps(stack: NDArray[Any], frame: Indices, centre: Indices, reach: int)
         and for float32.
     """
     size = 2 * reach + 1
-    corner = centre - reach
+    row, column = np.divmod(np.arange(size * size), size)
+    pixels = take_pixels(stack, frame, centre, column - reach, row - reach)
+    return pixels.reshape(-1, size, size)
+
+
+def take_pixels(
+    stack: NDArray[Any], frame: Indices, centre: Indices, x: Indices, y: Indices
+) -> Pixels:
+    """Take the pixels at the offsets x and y (P,) from M whole-pixel centres, (M, P), as
+    `cut_stamps` does.
+    """
     _, rows, columns = stack.shape
-    inside = ((corner >= 0) & (corner + size <= (columns, rows))).all(axis=1)
-    stamps = np.empty((len(frame), size, size), dtype=np.result_type(stack.dtype, np.float32))
-    if inside.any():
-        views = sliding_window_view(stack, (size, size), axis=(1, 2))
-        stamps[inside] = views[frame[inside], corner[inside, 1], corner[inside, 0]]
+    low, high = np.array([x.min(), y.min()]), np.array([x.max(), y.max()])
+    inside = ((centre + low >= 0) & (centre + high < (columns, rows))).all(axis=1)
     outside = np.flatnonzero(~inside)
+    at_x, at_y = (centre[outside, axis, None] + off for axis, off in enumerate((x, y)))
+    near_x, near_y = at_x.clip(0, columns - 1), at_y.clip(0, rows - 1)
+    if stack.flags.c_contiguous:
+        first = (frame * rows + centre[:, 1]) * columns + centre[:, 0]
+        place = first[:, None] + (y * columns + x)
+        place[outside] = (frame[outside, None] * rows + near_y) * columns + near_x
+        pixels = stack.reshape(-1).take(place)
+    else:
+        row, column = (
+            (centre[:, 1:] + y).clip(0, rows - 1),
+            (centre[:, :1] + x).clip(0, columns - 1),
+        )
+        pixels = stack[frame[:, None], row, column]
+    pixels = pixels.astype(np.result_type(stack.dtype, np.float32))
     if outside.size:
-        x = corner[outside, 0, None] + np.arange(size)
-        y = corner[outside, 1, None] + np.arange(size)
-        pixels = stack[
-            frame[outside, None, None],
-            y.clip(0, rows - 1)[:, :, None],
-            x.clip(0, columns - 1)[:, None, :],
-        ]
-        present = ((y >= 0) & (y < rows))[:, :, None] & ((x >= 0) & (x < columns))[:, None, :]
-        stamps[outside] = np.where(present, pixels, np.nan)
-    if stack.dtype.kind == "f" and np.isinf(stamps).any():
+        pixels[outside] = np.where((at_x == near_x) & (at_y == near_y), pixels[outside], np.nan)
+    if stack.dtype.kind == "f" and np.isinf(pixels).any():
         raise ValueError("frames must be finite, or NaN where a pixel was not read, got infinity")
-    return stamps
+    return pixels

@@ -1,15 +1,13 @@
-"""Centroids by a Gaussian template: the optimal weighted one, and the least-squares fit to check it
-against.
+"""Centroids by a Gaussian template, of known widths or with both widths fitted.
 
 The light of a spot in a pixel is A g, with the flux A and the integral g of a Gaussian over that
 pixel. A centroid that weights each pixel by the inverse of its variance V = V0 + A g / gain has the
-least error that any can have, the bound of Cramer and Rao, as long as the spot is such a Gaussian
-and its width is known. It is the fixed point of weighted least squares of the reading on g and its
-two slopes,
+least error that any can have, the bound of Cramer and Rao, as long as the spot is such a Gaussian.
+It is the fixed point of weighted least squares of the reading on g and its slopes,
 
-    d = A g + a dg/dx + b dg/dy,    centre <- centre + (a, b) / A,
+    d = A g + a dg/dx + b dg/dy + ...,    centre <- centre + (a, b) / A,
 
-the scoring steps of Fisher, of which about three are enough. Here M spots are fitted at once.
+the scoring steps of Fisher, of which about two are enough. Here M spots are fitted at once.
 Positions are counted from the middle of each stamp, x first.
 """
 
@@ -20,150 +18,171 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from losbench.arrays import Bools, Floats, Pixels
+from losbench.arrays import Bools, Floats, Ints, Pixels
+from losbench.imaging.background import inverse_normal
+from losbench.imaging.columns import Templates
 from losbench.imaging.noise import PixelNoise
+from losbench.imaging.protocols import Estimate, Windows
 
-__all__ = [
-    "FittedWidths",
-    "fitted_widths",
-    "misfits",
-    "plane_basis",
-    "template_columns",
-    "template_step",
-    "weighted_fit",
-]
+__all__ = ["TemplateFit", "fit_template"]
 
 
 _LONGEST_STEP = 1.0  # pixels
+_WIDEST_STEP = 0.3  # of a width
 _NARROWEST = 0.3  # pixels of sigma
 _MISFIT = 0.1  # of the light of a window
 _SURE = 5.0  # sigma
-_SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
+_RIDGE = 1e-9  # of a unit diagonal
 
 
 @dataclass(frozen=True)
-class FittedWidths:
-    """Widths (M, 2) in pixels, and the flux that they rest on in units of its error (M,)."""
+class TemplateFit:
+    """Gaussians that were fitted to M windows.
 
-    width: Floats
-    significance: Floats
-
-
-def fitted_widths(
-    pixels: Pixels, start: Floats, width: Floats, noise: PixelNoise, *, steps: int = 12
-) -> FittedWidths:
-    """Fit flux, place and both widths of M spots by weighted least squares, from a first guess
-    ``width`` (2,).
+    Centre and width (M, 2) in pixels, flux (M,), variances (M, 3) of flux, x and y, evaluations,
+    and converged or not.
     """
-    reach = pixels.shape[1] / 3.0
-    centre, flux = np.clip(start, -reach, reach), pixels.sum(axis=(1, 2), dtype=np.float64)
-    each = np.broadcast_to(width, centre.shape).copy()
-    for _ in range(steps):
-        columns = template_columns(pixels, centre, each, widths=True)
-        solved = weighted_fit(columns, pixels, flux, noise)
-        flux = solved.values[:, 0]
-        centre = np.clip(centre + template_step(solved.values[:, :3]), -reach, reach)
+
+    centre: Floats
+    width: Floats
+    flux: Floats
+    variance: Floats
+    n_iter: Ints
+    converged: Bools
+
+    def estimate(self, windows: Windows) -> Estimate:
+        """Return what was found, with what does not fit."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            change = np.nan_to_num(solved.values[:, 3:] / flux[:, None])
-        each = np.clip(each + np.clip(change, -0.3, 0.3) * each, _NARROWEST, pixels.shape[1])
+            sigma = (
+                np.sqrt(self.variance[:, 1:]) / np.where(self.flux > 0, self.flux, np.nan)[:, None]
+            )
+        return Estimate(
+            centroid=self.centre,
+            sigma=sigma,
+            flux=self.flux,
+            sigma_flux=np.sqrt(self.variance[:, 0]),
+            n_iter=self.n_iter,
+            converged=self.converged & (self.flux > 0),
+            middle=np.zeros_like(self.centre),
+            slow=np.zeros(len(self.flux), dtype=bool),
+            misfit=_misfits(self, windows),
+        )
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One scoring step: flux (M,), steps of the others in units of the flux (M, p - 1), and the
+    variances (M, 3) of the first three columns.
+    """
+
+    flux: Floats
+    others: Floats
+    variance: Floats
+
+
+def fit_template(
+    windows: Windows,
+    *,
+    free: bool = False,
+    equal: bool = False,
+    tolerance: float = 1e-3,
+    max_iter: int = 50,
+    leave: float = 1.0,
+) -> TemplateFit:
+    """Fit flux and place of a Gaussian to each of M windows, and both its widths if ``free``.
+
+    Parameters
+    ----------
+    windows : Windows
+        Their widths are where those of the fit begin.
+    free : bool
+    equal : bool
+        Weigh all pixels alike, whatever their noise; the variances stay honest.
+    tolerance : float, pixels
+        A fit is done when the square of its step, which is what the step leaves, is shorter.
+    max_iter : int
+    leave : float, pixels
+        A fit that leaves the middle of its window by more stops there, not converged.
+    """
+    pixels, width = windows.signal[:, 1:-1, 1:-1], windows.width.copy()
+    count, side = len(pixels), pixels.shape[1]
+    centre, flux = windows.start.copy(), pixels.sum(axis=(1, 2), dtype=np.float64)
+    variance = np.full((count, 3), np.nan)
+    n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+    moving = np.arange(count)
+    for _ in range(max_iter):
+        some = slice(None) if moving.size == count else moving
+        at = Templates.of(side, centre[some], width[some], pixels.dtype, free=free)
+        step = _scoring(at, pixels[some], flux[some], windows.noise.of(some), equal)
+        move = np.clip(step.others[:, :2], -_LONGEST_STEP, _LONGEST_STEP)
+        centre[some] += move
+        flux[some], variance[some] = step.flux, step.variance
+        square = np.einsum("mi,mi->m", move, move)
+        if free:
+            wider = np.clip(step.others[:, 2:], -_WIDEST_STEP, _WIDEST_STEP) * width[some]
+            width[some] = np.clip(width[some] + wider, _NARROWEST, side)
+            square = np.maximum(square, (wider**2).max(axis=1))
+        n_iter[some] += 1
+        converged[some] = done = square < tolerance
+        moving = moving[~done & (np.abs(centre[some]) <= leave).all(axis=1)]
+        if not moving.size:
+            break
+    return TemplateFit(centre, width, flux, variance, n_iter, converged)
+
+
+def _scoring(at: Templates, pixels: Pixels, flux: Floats, noise: PixelNoise, equal: bool) -> _Step:
+    """Least squares of pixels on the template and its slopes, weighted by the inverse variance."""
+    relative = None if equal else noise.relative(flux, at)
+    sums = at.sums(pixels, None if relative is None else 1.0 / relative)
+    inverse = _inverse(sums.normal)
+    values = np.einsum("mij,mj->mi", inverse, sums.reading)
+    unit = noise.unit(flux)
+    first = inverse[:, :3]
+    if equal and noise.per_dn:
+        spread = at.sums(pixels, noise.relative(flux, at)).normal
+        errors = unit[:, None] * np.einsum("mij,mjk,mik->mi", first, spread, first)
+    else:
+        errors = unit[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :3]
+    errors = errors + np.einsum("mij,mj->mi", (first @ sums.plane) ** 2, noise.plane)
     with np.errstate(divide="ignore", invalid="ignore"):
-        significance = np.nan_to_num(flux / np.sqrt(solved.variance[:, 0]), posinf=1e9)
-    return FittedWidths(each, np.clip(significance, 0.0, None))
+        others = np.where(values[:, :1] > 0, values[:, 1:] / values[:, :1], 0.0)
+    return _Step(values[:, 0], others, errors)
 
 
-def misfits(
-    pixels: Pixels, centre: Floats, flux: Floats, width: Floats, noise: PixelNoise
-) -> Bools:
+def _inverse(normal: Floats) -> Floats:
+    """Inverse of M normal matrices, each brought to a unit diagonal first."""
+    scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
+    scale = np.where(scale > 0, scale, 1.0)
+    scale = scale[:, :, None] * scale[:, None, :]
+    unit = normal / scale
+    if normal.shape[1] == 3:
+        row, column = np.triu_indices(3)
+        return inverse_normal(unit[:, row, column], ridge=_RIDGE) / scale
+    ridge = _RIDGE * np.eye(normal.shape[1])
+    return np.asarray(np.linalg.inv(unit + ridge), dtype=np.float64) / scale
+
+
+def _misfits(fit: TemplateFit, windows: Windows) -> Bools:
     """Whether a template's light is not that of its window, or of the window's middle, half as
     wide, (M,).
 
     There a wrong width or shape shows.
     """
-    side = pixels.shape[1]
-    misfit = np.zeros(len(pixels), dtype=bool)
-    for border in (0, side // 4):
-        half, count = side / 2 - border, (side - 2 * border) ** 2
-        part = slice(border, side - border)
-        total = pixels[:, part, part].sum(axis=(1, 2), dtype=np.float64)
-        held = flux * np.prod(
-            ndtr((half - centre) / width) - ndtr((-half - centre) / width), axis=1
-        )
-        variance = (
-            count * noise.floor
-            + noise.per_dn * np.maximum(total, 0.0)
-            + count**2 * noise.plane[:, 0]
-        )
-        with np.errstate(invalid="ignore"):
-            misfit |= np.abs(held - total) > _MISFIT * np.abs(total) + _SURE * np.sqrt(variance)
-    return misfit
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """Coefficients (M, p) of the columns, and the variances (M, 3) of the first three."""
-
-    values: Floats
-    variance: Floats
-
-
-def weighted_fit(columns: Pixels, pixels: Pixels, flux: Floats, noise: PixelNoise) -> _Solved:
-    """Least squares of pixels on columns (M, p, S * S), the first of which is g, weighted by the
-    inverse variance.
-    """
-    shot = noise.per_dn * np.maximum(np.nan_to_num(flux), 0.0)
-    unit = noise.floor + shot
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Frames without noise still need weights, though any will do.
-        share = np.where(unit > 0, shot / unit, 0.0).astype(columns.dtype)[:, None]
-    pulled = columns / (np.maximum(1.0 - share, 1e-6) + share * columns[:, 0])[:, None]
-    normal = (pulled @ columns.swapaxes(1, 2)).astype(np.float64)
-    inverse = np.linalg.inv(normal + 1e-12 * np.eye(normal.shape[-1]))
-    values = (inverse @ (pulled @ pixels.reshape(len(pixels), -1, 1)))[:, :, 0]
-    basis = plane_basis(pixels.shape[1]).T.astype(columns.dtype)
-    of_plane = inverse[:, :3] @ (pulled.reshape(-1, len(basis)) @ basis).reshape(
-        *pulled.shape[:2], 3
+    side, noise = windows.side, windows.noise
+    borders = np.array([0, side // 4])
+    inside = (np.arange(side) >= borders[:, None]) & (np.arange(side)[::-1] >= borders[:, None])
+    share = inside[:, :, None] & inside[:, None, :]
+    pixels = windows.signal[:, 1:-1, 1:-1].reshape(len(fit.flux), -1)
+    total = (pixels @ share.reshape(2, -1).T.astype(pixels.dtype)).astype(np.float64)
+    half, count = side / 2 - borders, (side - 2 * borders) ** 2
+    end = np.stack([half, -half])[:, :, None, None]
+    upper, lower = ndtr((end - fit.centre) / fit.width)
+    held = fit.flux * np.prod(upper - lower, axis=2)
+    variance = (
+        count[:, None] * noise.floor
+        + noise.per_dn * np.maximum(total.T, 0.0)
+        + count[:, None] ** 2 * noise.plane[:, 0]
     )
-    errors = unit[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :3]
-    return _Solved(values, errors + np.einsum("mij,mj->mi", of_plane**2, noise.plane))
-
-
-def template_step(values: Floats) -> Floats:
-    """Step of the centre from the coefficients of g and its slopes; none where there is no
-    light.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        step = np.where(values[:, :1] > 0, values[:, 1:3] / values[:, :1], 0.0)
-    return np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-
-
-def template_columns(
-    pixels: Pixels, centre: Floats, width: Floats, *, widths: bool = False
-) -> Pixels:
-    """Template g, its slopes by x and y and, if asked, by the logarithm of its widths, (M, 3 or 5,
-    S * S).
-    """
-    side = pixels.shape[1]
-    sigma = np.broadcast_to(width, centre.shape)[:, :, None]
-    edges = (np.arange(side + 1) - side / 2 - centre[:, :, None]) / sigma
-    bell = np.exp(-0.5 * edges**2) / _SQUARE_ROOT_2_PI
-    profiles = [
-        np.diff(ndtr(edges)),
-        -np.diff(bell) / sigma,
-        *([-np.diff(edges * bell)] if widths else []),
-    ]
-    inside, *slopes = (profile.astype(pixels.dtype) for profile in profiles)
-    pairs = [
-        (inside, inside),
-        *(pair for slope in slopes for pair in ((slope, inside), (inside, slope))),
-    ]
-    columns = np.empty((len(centre), len(pairs), side, side), dtype=pixels.dtype)
-    for place, (along_x, along_y) in enumerate(pairs):
-        np.multiply(along_y[:, 1, :, None], along_x[:, 0, None, :], out=columns[:, place])
-    return columns.reshape(len(centre), len(pairs), -1)
-
-
-def plane_basis(side: int) -> Floats:
-    """1, x and y of every pixel, (3, side * side)."""
-    offset = np.arange(side) - side // 2
-    x, y = np.meshgrid(offset, offset)
-    return np.stack([np.ones(side * side), x.ravel(), y.ravel()])
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(held - total.T) > _MISFIT * np.abs(total.T) + _SURE * np.sqrt(variance)
+    return apart.any(axis=0)

@@ -7,18 +7,12 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.checks import integer, number
 from losbench.imaging.common import as_width, check_fields
 from losbench.imaging.protocols import Estimate, Windows
-from losbench.imaging.template import (
-    misfits,
-    template_columns,
-    template_step,
-    weighted_fit,
-)
+from losbench.imaging.template import fit_template
 
 __all__ = ["Weighted"]
 
@@ -38,7 +32,7 @@ class Weighted:
     window : odd int, pixels, optional
         Side N of the window; see `centroid` for the default.
     tolerance : float, pixels
-        A fit is done when a step is shorter.
+        A fit is done when the square of a step, which is about what it leaves, is shorter.
     max_iter : int
         Steps before it counts as not converged.
     centre, hot_pixel_gate, smooth
@@ -86,36 +80,5 @@ class Weighted:
         With the information error. A fit that leaves the middle pixel by more than a pixel stops
         there, not converged.
         """
-        pixels, noise, width = windows.signal[:, 1:-1, 1:-1], windows.noise, windows.width
-        count = len(pixels)
-        centre, flux = windows.start.copy(), pixels.sum(axis=(1, 2), dtype=np.float64)
-        n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-        variance = np.full((count, 3), np.nan)
-        moving = np.arange(count)
-        for _ in range(self.max_iter):
-            some = slice(None) if moving.size == count else moving
-            columns = template_columns(pixels, centre[some], width[some])
-            solved = weighted_fit(columns, pixels[some], flux[some], noise.of(some))
-            step = template_step(solved.values)
-            centre[some] += step
-            flux[some], variance[some] = solved.values[:, 0], solved.variance
-            n_iter[some] += 1
-            converged[some] = done = np.hypot(step[:, 0], step[:, 1]) < self.tolerance
-            within = (np.abs(centre[some]) <= 1.0).all(axis=1)
-            moving = moving[~done & within]
-            if not moving.size:
-                break
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sigma = np.sqrt(variance[:, 1:]) / np.where(flux > 0, flux, np.nan)[:, None]
-        misfit = misfits(pixels, centre, flux, width, noise)
-        return Estimate(
-            centroid=centre,
-            sigma=sigma,
-            flux=flux,
-            sigma_flux=np.sqrt(variance[:, 0]),
-            n_iter=n_iter,
-            converged=converged & (flux > 0),
-            middle=np.zeros_like(centre),
-            slow=np.zeros(count, dtype=bool),
-            misfit=misfit,
-        )
+        fit = fit_template(windows, tolerance=self.tolerance, max_iter=self.max_iter)
+        return fit.estimate(windows)

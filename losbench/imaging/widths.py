@@ -12,12 +12,15 @@ from losbench.imaging.engine import Engine
 from losbench.imaging.flags import saturated
 from losbench.imaging.grey import grey
 from losbench.imaging.places import evenly
-from losbench.imaging.template import fitted_widths
+from losbench.imaging.protocols import Windows
+from losbench.imaging.template import fit_template
 
 __all__ = ["spot_widths"]
 
 
 _FITS = 400
+_FITS_OF_ONE = 64  # where no spot is seen often enough to tell a width of its own
+_STEPS = 12
 _FRAMES = 64
 _FAINTEST = 10.0  # flux in units of its error
 _FEWEST = 4  # frames of a spot that tell a width of its own
@@ -80,15 +83,22 @@ def _fitted(
         usable &= ~cut.missing.any(axis=(1, 2))
     if not usable.any():
         return np.tile(guess, (n_spots, 1))
-    signal = cut.signal[usable]
-    start = grey(signal, np.zeros((len(signal), 2)), engine.window).centroid
-    fit = fitted_widths(signal[:, 1:-1, 1:-1], np.nan_to_num(start), guess, cut.noise.of(usable))
-    bright = fit.significance >= _FAINTEST
-    voters, width, weight = (
-        spot[some][usable][bright],
-        fit.width[bright],
-        fit.significance[bright] ** 2,
+    signal, side = cut.signal[usable], engine.window
+    start = np.nan_to_num(grey(signal, np.zeros((len(signal), 2)), side).centroid)
+    start = np.clip(start, -side / 3.0, side / 3.0)
+    windows = Windows(
+        signal,
+        side,
+        start,
+        middle[some][usable],
+        cut.noise.of(usable),
+        np.tile(guess, (len(signal), 1)),
     )
+    fit = fit_template(windows, free=True, tolerance=1e-5, max_iter=_STEPS, leave=side / 3.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        significance = np.nan_to_num(fit.flux / np.sqrt(fit.variance[:, 0]), posinf=1e9)
+    bright = significance >= _FAINTEST
+    voters, width, weight = spot[some][usable][bright], fit.width[bright], significance[bright] ** 2
     if not voters.size:
         return np.tile(guess, (n_spots, 1))
     found = np.tile(_weighted_median(width, weight), (n_spots, 1))
@@ -99,11 +109,12 @@ def _fitted(
 
 def _chosen(frame: Indices, spot: Indices, n_spots: int) -> Indices:
     """Which windows to fit: of up to 400 spots, each in as many frames as that allows, evenly
-    spread.
+    spread; 64 spots where there are not four frames.
     """
     frames = np.unique(frame)
-    share = evenly(len(frames), min(_FRAMES, max(1, _FITS // n_spots)))
-    return np.flatnonzero(np.isin(frame, frames[share]) & np.isin(spot, evenly(n_spots, _FITS)))
+    most = _FITS if len(frames) >= _FEWEST else _FITS_OF_ONE
+    share = evenly(len(frames), min(_FRAMES, max(1, most // n_spots)))
+    return np.flatnonzero(np.isin(frame, frames[share]) & np.isin(spot, evenly(n_spots, most)))
 
 
 def _weighted_median(values: Floats, weight: Floats) -> Floats:

@@ -61,7 +61,7 @@ def measure(
         numbered from left to right, unless `Find` says otherwise, and keep their numbers.
     temperature : TemperatureLog, optional
         Interpolated to the frames' times.
-    centroid : EIWA, Weighted, Grey, Gaussian, or the name of one, optional
+    centroid : EIWA, Weighted, Likelihood, Grey, Gaussian, or the name of one, optional
         As ``method`` of `centroid`; by default `EIWA`. A window, and the width of a template, that
         are not given are chosen on up to 64 frames spread over the recording, and then hold for
         all. Every frame starts on the brightest pixels, unless ``centre`` says otherwise. With

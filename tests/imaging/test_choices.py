@@ -98,7 +98,10 @@ def test_a_choice_can_be_handed_on(choice):
             "width and sigma are two words for one thing",
         ),
         ({"detector": CAMERA, "noise": CAMERA}, "detector and noise are two words"),
-        ({"method": 3}, "method must be one of 'eiwa', 'grey', 'weighted', 'gaussian', got 3"),
+        (
+            {"method": 3},
+            "method must be one of 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', got 3",
+        ),
     ],
 )
 def test_one_thing_said_twice_is_refused_by_both_names(options, message):

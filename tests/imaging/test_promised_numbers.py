@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.imaging.background import _inverse_normal
+from losbench.imaging.background import inverse_normal
 from losbench.imaging.hotpixels import gate_hot_pixels
 from losbench.imaging.sizes import spot_sigma
 from losbench.imaging.smeared.cutting import cut_windows
@@ -87,13 +87,13 @@ def test_the_width_of_a_spot_is_that_of_its_wider_axis(sigma):
     assert spot_sigma(frame, [[40.0, 30.0]]) == pytest.approx(3.0, rel=0.06)
 
 
-def test_the_inverse_normal_matrix_is_numpy_s():
+def test_theinverse_normal_matrix_is_numpy_s():
     x, y = np.random.default_rng(1).uniform(-9.0, 30.0, (2, 50, 40))
     one = np.ones_like(x)
     sums = np.stack([v.sum(axis=1) for v in (one, x, y, x * x, x * y, y * y)], axis=1)
     basis = np.stack([one, x, y], axis=-1)
     expected = np.linalg.inv(np.swapaxes(basis, 1, 2) @ basis)
-    np.testing.assert_allclose(_inverse_normal(sums), expected, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(inverse_normal(sums), expected, rtol=1e-5, atol=1e-9)
 
 
 def test_a_template_is_at_least_a_tenth_of_a_pixel_wide():

@@ -1,0 +1,119 @@
+"""A Gaussian integrated over pixels, its slopes, and the weighted sums of their products.
+
+Every column is a profile along x times a profile along y, and so is every product of two. Sums over
+a window are therefore taken along x first and then along y, and no column is ever written out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import DTypeLike
+from scipy.special import ndtr
+
+from losbench.arrays import Floats, Indices, Pixels
+
+__all__ = ["Sums", "Templates"]
+
+
+_SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
+# The template, its slopes by x and y, and those by the logarithms of its widths: which profile each
+# is along x and along y; 0 the light, 1 its slope by the place, 2 its slope by the width.
+_ALONG_X, _ALONG_Y = (0, 1, 0, 2, 0), (0, 0, 1, 0, 2)
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over the pixels of M windows: of products of p columns (M, p, p), of columns and reading
+    (M, p), and of columns and 1, x and y (M, p, 3).
+    """
+
+    normal: Floats
+    reading: Floats
+    plane: Floats
+
+
+@dataclass(frozen=True)
+class _Order:
+    """How many columns, and where their products stand among the products of profiles."""
+
+    columns: int
+    pairs: tuple[tuple[int, int], ...]
+    product: tuple[Indices, Indices]
+    single: tuple[Indices, Indices]
+    lever: tuple[tuple[Indices, Indices], ...]
+
+
+@cache
+def _order(free: bool) -> _Order:
+    kinds, count = (3, 5) if free else (2, 3)
+    pairs = tuple((i, j) for i in range(kinds) for j in range(i, kinds))
+    x, y = np.array(_ALONG_X[:count]), np.array(_ALONG_Y[:count])
+    place = {pair: k for k, pair in enumerate(pairs)}
+
+    def table(kind: Indices) -> Indices:
+        return np.array([[place[min(i, j), max(i, j)] for j in kind] for i in kind])
+
+    one, far = len(pairs), len(pairs) + kinds
+    lever = ((y + one, x + one), (y + one, x + far), (y + far, x + one))
+    return _Order(count, pairs, (table(y), table(x)), (y, x), lever)
+
+
+@dataclass(frozen=True)
+class Templates:
+    """Gaussians of M windows.
+
+    ``profiles`` (M, 2, k, S) are the light in each pixel column and row, its slope by the place
+    and, if the widths are free, that by the logarithm of the width.
+    """
+
+    profiles: Pixels
+
+    @classmethod
+    def of(
+        cls, side: int, centre: Floats, width: Floats, dtype: DTypeLike, *, free: bool
+    ) -> Templates:
+        """Integrate Gaussians over the pixels of windows of that side."""
+        sigma = width.astype(dtype)[:, :, None]
+        edges = (np.arange(side + 1) - side / 2 - centre[:, :, None]).astype(dtype) / sigma
+        bell = np.exp(-0.5 * edges * edges) / np.asarray(_SQUARE_ROOT_2_PI, dtype)
+        profiles = np.empty((len(centre), 2, 3 if free else 2, side), dtype)
+        light = ndtr(edges)
+        np.subtract(light[..., 1:], light[..., :-1], out=profiles[:, :, 0])
+        np.subtract(bell[..., :-1], bell[..., 1:], out=profiles[:, :, 1])
+        profiles[:, :, 1] /= sigma
+        if free:
+            bell *= edges
+            np.subtract(bell[..., :-1], bell[..., 1:], out=profiles[:, :, 2])
+        return cls(profiles)
+
+    @property
+    def light(self) -> Pixels:
+        """Light in each pixel, (M, S, S)."""
+        light: Pixels = self.profiles[:, 1, 0, :, None] * self.profiles[:, 0, 0, None, :]
+        return light
+
+    def sums(self, reading: Pixels, weight: Pixels | None) -> Sums:
+        """Sums over pixels with that weight (M, S, S); None: one."""
+        count, _, kinds, side = self.profiles.shape
+        order = _order(kinds == 3)
+        arms = np.empty((count, 2, len(order.pairs) + 2 * kinds, side), self.profiles.dtype)
+        for k, (i, j) in enumerate(order.pairs):
+            np.multiply(self.profiles[:, :, i], self.profiles[:, :, j], out=arms[:, :, k])
+        arms[:, :, -2 * kinds : -kinds] = self.profiles
+        offset = np.arange(side, dtype=self.profiles.dtype) - side // 2
+        np.multiply(self.profiles, offset, out=arms[:, :, -kinds:])
+        if weight is None:
+            total = arms.sum(axis=3, dtype=np.float64)
+            table = total[:, 1, :, None] * total[:, 0, None, :]
+        else:
+            reading = reading * weight
+            table = arms[:, 1] @ (weight @ arms[:, 0].swapaxes(1, 2))
+        seen = self.profiles[:, 1] @ (reading @ self.profiles[:, 0].swapaxes(1, 2))
+        return Sums(
+            table[:, *order.product].astype(np.float64),
+            seen[:, *order.single].astype(np.float64),
+            np.stack([table[:, *place] for place in order.lever], axis=-1).astype(np.float64),
+        )
