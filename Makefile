@@ -14,18 +14,21 @@ FLOOR_READY := $(FLOOR_VENV)/.ready
 FLOOR_ROOMS := estimation imaging pointing recording papers
 LOCK_FLAGS := --quiet --generate-hashes --no-header --no-annotate --universal --no-emit-index-url \
 	--no-emit-find-links --python-version 3.11
-LOCK_EXTRAS := --extra fits --extra hdf5 --extra tiff --extra data --extra cluster --extra test --extra lint --extra mutants --extra browser
+LOCK_EXTRAS := --extra fits --extra hdf5 --extra tiff --extra data --extra cluster --extra docs --extra test --extra lint --extra mutants --extra browser
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 SEED ?= 10
 COUNT ?= 200
 
-.PHONY: help reproduce test test-floor mutants lab bench compare soak fuzz lock clean
+.PHONY: help reproduce site class test test-floor mutants lab bench compare soak fuzz lock clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do printf '  make %-11s %s\n' "$$name" "$$text"; done
 
-reproduce: $(READY)  ## run the notebooks: figures, tables, pages and verdicts into build/
+reproduce: $(READY)  ## run the notebooks: figures, tables, verdicts and the site into build/
 	@$(RUN)/losbench reproduce
+
+site: $(READY)  ## build the site of the last run again, without running anything
+	@$(RUN)/losbench site
 
 test: $(READY)  ## check style and types, then run the tests
 	$(RUN)/ruff check

@@ -7,7 +7,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-__all__ = ["build_folder", "data_file", "free_folder", "notebook_folder", "write_whole"]
+__all__ = [
+    "build_folder",
+    "data_file",
+    "documents_folder",
+    "free_folder",
+    "notebook_folder",
+    "write_whole",
+]
 
 _PACKAGE = Path(__file__).resolve().parent
 _CHECKOUT = _PACKAGE.parent
@@ -29,6 +36,11 @@ def data_file(name: str) -> Path:
 def notebook_folder() -> Path:
     """Return the folder that holds the numbered notebooks."""
     return _HOME / "notebooks"
+
+
+def documents_folder() -> Path:
+    """Return the folder that holds the pages of the site which no notebook makes."""
+    return _HOME / "docs"
 
 
 def build_folder() -> Path:

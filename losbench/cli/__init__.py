@@ -1,5 +1,5 @@
-"""The command line: ``losbench reproduce | measure | simulate | drift | identify | metrics | budget
-| ledger | claim``.
+"""The command line: ``losbench reproduce | site | measure | simulate | drift | identify | metrics |
+budget | ledger | claim``.
 
 Exit codes: 0 done; 1 a notebook failed, or a verdict is not the accepted one; 2 wrong arguments or
 unusable input, said in one line; 130 interrupted; 141 whoever reads the output has gone. A defect
@@ -26,6 +26,7 @@ from losbench.cli import (
     metrics,
     reproduce,
     simulate,
+    site,
 )
 
 __all__ = ["is_for_the_user", "main"]
@@ -106,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     quiet.add_argument(
         "--debug", action="store_true", help="show where an error comes from, with its traceback"
     )
-    for command in (reproduce, measure, simulate, drift, identify, metrics, budget, ledger):
+    for command in (reproduce, site, measure, simulate, drift, identify, metrics, budget, ledger):
         command.add(commands, quiet)
     ledger.add_claim(commands, quiet)
     return parser

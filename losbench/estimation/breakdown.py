@@ -80,9 +80,10 @@ def design_breakdown(A: ArrayLike, *, group: ArrayLike | None = None) -> DesignB
     Notes
     -----
     k bad units are survived by a monotone M-estimate if in every direction d of the unknowns the k
-    largest of |A_g d| make less than half of their sum (Ellis and Morgenthaler, J. Amer. Statist.
-    Assoc. 87, 143 (1992)); by any estimate if k <= (m - N - 1) / 2, with N the most units that one
-    direction leaves untouched (Mizera and Mueller, J. Statist. Plann. Inference 80, 231 (1999)).
+    largest of ``|A_g d|`` make less than half of their sum (Ellis and Morgenthaler, J. Amer.
+    Statist. Assoc. 87, 143 (1992)); by any estimate if k <= (m - N - 1) / 2, with N the most units
+    that one direction leaves untouched (Mizera and Mueller, J. Statist. Plann. Inference 80, 231
+    (1999)).
 
     For single rows, of which at most 20 000 subsets of p - 1 exist, both numbers are exact: the
     worst direction then leaves p - 1 rows untouched, and all of those are tried. Otherwise they are

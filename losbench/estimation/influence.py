@@ -32,7 +32,7 @@ _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 def influence_function(loss: Loss | str, u: ArrayLike) -> Floats:
-    """Influence of an error of ``u`` scales on a location estimate with this loss, in scales, at
+    r"""Influence of an error of ``u`` scales on a location estimate with this loss, in scales, at
     normal errors.
 
     Parameters
@@ -49,7 +49,9 @@ def influence_function(loss: Loss | str, u: ArrayLike) -> Floats:
 
     Notes
     -----
-    IF(u) = psi(u) / E psi': Hampel and others, Robust Statistics (1986), eq. (2.3.18).
+    .. math:: IF(u) = \psi(u) / E\,\psi'
+
+    Hampel and others, Robust Statistics (1986), eq. (2.3.18).
 
     Examples
     --------
@@ -62,7 +64,7 @@ def influence_function(loss: Loss | str, u: ArrayLike) -> Floats:
 
 
 def efficiency(loss: Loss | str, *, rows: int = 1) -> float:
-    """Efficiency of an estimate with this loss on normal errors, against least squares.
+    r"""Efficiency of an estimate with this loss on normal errors, against least squares.
 
     Parameters
     ----------
@@ -78,9 +80,11 @@ def efficiency(loss: Loss | str, *, rows: int = 1) -> float:
 
     Notes
     -----
-    (E psi')^2 / E psi^2 by Gauss-Legendre quadrature (Huber 1981, eq. 3.2.6), with E psi' = E u
-    psi(u) for normal errors, so that the weights are all that is needed. For g rows with one
-    weight, u is their root mean square.
+    .. math:: e = (E\,\psi')^2 / E\,\psi^2
+
+    by Gauss-Legendre quadrature (Huber 1981, eq. 3.2.6), with E psi' = E u psi(u) for normal
+    errors, so that the weights are all that is needed. For g rows with one weight, u is their root
+    mean square.
 
     Examples
     --------

@@ -33,7 +33,7 @@ class Loss(Protocol):
 
 @dataclass(frozen=True)
 class Huber:
-    """Huber's loss: squares up to ``c`` scales, straight lines beyond; monotone, so the start does
+    r"""Huber's loss: squares up to ``c`` scales, straight lines beyond; monotone, so the start does
     not matter.
 
     Parameters
@@ -43,7 +43,9 @@ class Huber:
 
     Notes
     -----
-    weights(u) = min(1, c / abs(u)): liu2026, eq. (9); Huber, Ann. Math. Statist. 35, 73 (1964).
+    .. math:: w(u) = \min(1,\ c / |u|)
+
+    liu2026, eq. (9); Huber, Ann. Math. Statist. 35, 73 (1964).
 
     Examples
     --------
@@ -76,7 +78,7 @@ class Huber:
 
 @dataclass(frozen=True)
 class Bisquare:
-    """Tukey's bisquare: beyond ``c`` scales a row counts for nothing; redescending, so the start
+    r"""Tukey's bisquare: beyond ``c`` scales a row counts for nothing; redescending, so the start
     decides.
 
     Parameters
@@ -87,7 +89,9 @@ class Bisquare:
 
     Notes
     -----
-    weights(u) = (1 - (u/c)^2)^2 within c, else 0: Beaton and Tukey, Technometrics 16, 147 (1974).
+    .. math:: w(u) = \max(0,\ 1 - (u/c)^2)^2
+
+    Beaton and Tukey, Technometrics 16, 147 (1974).
 
     Examples
     --------
@@ -123,7 +127,7 @@ class Bisquare:
 
 @dataclass(frozen=True)
 class Cauchy:
-    """Cauchy's loss: no row is ever rejected, but the farther the less its pull; redescending
+    r"""Cauchy's loss: no row is ever rejected, but the farther the less its pull; redescending
     without an end.
 
     Parameters
@@ -134,7 +138,9 @@ class Cauchy:
 
     Notes
     -----
-    weights(u) = 1 / (1 + (u/c)^2): the likelihood of Student's t with one degree of freedom;
+    .. math:: w(u) = \frac{1}{1 + (u/c)^2}
+
+    The likelihood of Student's t with one degree of freedom;
     Holland and Welsch, Comm. Statist. A 6, 813 (1977).
 
     Examples
@@ -171,7 +177,7 @@ class Cauchy:
 
 @dataclass(frozen=True)
 class Welsch:
-    """Welsch's loss: a row's weight falls as a bell curve, smoothly and fast; redescending, so the
+    r"""Welsch's loss: a row's weight falls as a bell curve, smoothly and fast; redescending, so the
     start decides.
 
     Parameters
@@ -182,7 +188,9 @@ class Welsch:
 
     Notes
     -----
-    weights(u) = exp(-(u/c)^2): Holland and Welsch, Comm. Statist. A 6, 813 (1977).
+    .. math:: w(u) = \exp(-(u/c)^2)
+
+    Holland and Welsch, Comm. Statist. A 6, 813 (1977).
 
     Examples
     --------

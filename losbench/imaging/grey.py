@@ -17,7 +17,7 @@ __all__ = ["Grey", "grey"]
 
 @dataclass(frozen=True)
 class Grey:
-    """Weigh the pixels of a window that stays where it is by their grey value (liu2026, eq. 11-12).
+    r"""Weigh the pixels of a window that stays where it is by grey value (liu2026, eq. 11-12).
 
     It takes a spot of any shape, but is pulled towards the middle of its window by the light that
     the window's edge cuts off.
@@ -39,6 +39,12 @@ class Grey:
     ------
     ValueError
         If the window is even, or another field is out of range.
+
+    Notes
+    -----
+    .. math:: \hat x = \sum_{ij} x_{ij}\, I_{ij} \Big/ \sum_{ij} I_{ij}
+
+    over the window, background taken off; y alike.
 
     Examples
     --------

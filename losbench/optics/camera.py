@@ -141,7 +141,7 @@ class Camera:
 
 
 def design_matrix(points: ArrayLike, model: Model = "pinhole") -> Floats:
-    """Rows that turn three small angles into the displacements of points on their image plane.
+    r"""Rows that turn three small angles into the displacements of points on their image plane.
 
     Parameters
     ----------
@@ -163,8 +163,14 @@ def design_matrix(points: ArrayLike, model: Model = "pinhole") -> Floats:
     Notes
     -----
     With u = x/z and v = y/z, rotating (x, y, z) and projecting it back on its plane gives, to first
-    order, dx/z = -u v alpha + (1 + u^2) beta - v gamma and dy/z = -(1 + v^2) alpha + u v beta + u
-    gamma. The paper (liu2026, eq. 2) has dx = z beta - y gamma and dy = -z alpha + x gamma.
+    order,
+
+    .. math::
+
+        dx / z &= -u v\,\alpha + (1 + u^2)\,\beta - v\,\gamma \\
+        dy / z &= -(1 + v^2)\,\alpha + u v\,\beta + u\,\gamma
+
+    The paper (liu2026, eq. 2) has dx = z beta - y gamma and dy = -z alpha + x gamma.
 
     Examples
     --------

@@ -16,7 +16,7 @@ from losbench.workbench.ledger import claims as module
 from losbench.workbench.ledger.rules import holm, ids
 from losbench.workbench.ledger.tables import with_accepted
 from losbench.workbench.ledger.tracking import calibrated_fields
-from losbench.workbench.reproduction.pages import ledger_page
+from losbench.workbench.reproduction.pages import ledger_table
 
 CLAIMS = """id,paper,where,quantity,relation,claimed,unit,note,block,notebook
 a-1,p,Tab. 1,two digits,=,0.10,px,,T,03
@@ -306,9 +306,9 @@ def test_parts_join_into_one_table_that_does_not_see_rounding_noise(claims):
     assert rows[0]["conflicts"] == rows[1]["conflicts"] == "K1"
     assert rows[3]["reason"] == "the paper's own prints: false; 5 is not 6"
     assert joined.questions() == {"Where were the spots?": ("a-6",)}
-    page = ledger_page(rows, {("03", ""): "html/03-first.html"})
+    page = ledger_table(rows, {("03", ""): "notebooks/03-first.html"})
     assert "commas, and &lt;tags&gt;" in page
-    assert page.count('<a href="html/03-first.html">') == 5
+    assert page.count('<a href="notebooks/03-first.html">') == 5
     assert '<td class="ours">0.100 ± 0.010</td>' in page
 
 

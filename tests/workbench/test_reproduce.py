@@ -4,7 +4,6 @@ alone.
 
 import csv
 import json
-import re
 
 import nbformat
 import pytest
@@ -67,10 +66,10 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
     notebooks = tmp_path / "note books"
     write(notebooks, "01-draw", DRAW.format(1), JUDGE.format(value=4.2278, number="01"))
     write(notebooks, "90-end", "import losbench as lb\nlen(lb.Ledger.collect().examined)")
-    kept = ("figures", "tables", "ledger", "ledger.csv", "ledger.html")
+    kept = ("figures", "tables", "ledger", "ledger.csv")
     first, second = tmp_path / "a", tmp_path / "b"
     for build in (first, second):
-        result = reproduce(out=build, notebooks=notebooks, workers=1, quiet=True)
+        result = reproduce(out=build, notebooks=notebooks, workers=1, quiet=True, site=False)
         assert [(run.notebook, run.error, run.reused) for run in result.runs] == [
             ("01-draw", "", False),
             ("90-end", "", False),
@@ -86,26 +85,14 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
     assert executed.cells[1].outputs[0].data["text/plain"] == "1"
     assert [cell.id for cell in executed.cells] == ["title", "cell-0"]
     assert "timing" not in json.dumps(executed.metadata)
-    assert "Title of 01-draw" in (first / "html" / "index.html").read_text()
-    assert f"begin with {first / 'html' / 'index.html'}." in result.summary().replace(
-        str(second), str(first)
-    )
-    pages = (first / "ledger.html", first / "replication.html", *(first / "html").iterdir())
-    for file in pages:
-        for link in re.findall(r'(?:href|src)="([^"#:]+)[#"]', file.read_text()):
-            assert (file.parent / link).is_file(), (file.name, link)
-    link = '<a href="html/01-draw.html#cell-id=cell-1">irls-13</a>'
-    assert link in (first / "ledger.html").read_text()
-    assert 'id="cell-id=cell-1"' in (first / "html" / "01-draw.html").read_text()
-    page = (first / "html" / "01-draw.html").read_text()
-    assert "<msup>" in page
-    assert "<script" not in page
+    assert result.summary().endswith(f"Written to {second}.")
     with (first / "ledger.csv").open() as file:
         assert sum(row["verdict"] == "agrees" for row in csv.DictReader(file)) == 1
 
     assert reproduce(["01"], out=first, notebooks=notebooks, quiet=True).runs[0].reused
     (notebooks / "01-draw.ipynb").unlink()
-    assert reproduce(out=first, notebooks=notebooks, quiet=True).counts == {"pending": 114}
+    again = reproduce(out=first, notebooks=notebooks, quiet=True, site=False)
+    assert again.counts == {"pending": 114}
     assert not contents(first, "figures", "ledger")
 
 
@@ -128,15 +115,11 @@ def test_a_failing_cell_is_named_and_the_others_finish(notebooks, tmp_path):
     assert not contents(build, "tables")
 
 
-def test_a_dead_kernel_and_an_unknown_formula_are_named(tmp_path):
+def test_a_dead_kernel_is_named(tmp_path):
     folder = tmp_path / "notebooks"
     write(folder, "01-dead", "import os\nos._exit(3)")
-    write(folder, "02-formula", "1")
-    text = (folder / "02-formula.ipynb").read_text().replace("$x^2$", "$\\\\nosuch$")
-    (folder / "02-formula.ipynb").write_text(text)
-    summary = reproduce(out=tmp_path / "build", notebooks=folder, quiet=True).summary()
+    summary = reproduce(out=tmp_path / "build", notebooks=folder, quiet=True, site=False).summary()
     assert "01-dead.ipynb, cell 'cell-0' (number 2): Kernel died" in summary
-    assert "02-formula.ipynb: ValueError: no MathML for \\nosuch in the formula \\nosuch" in summary
 
 
 def test_a_verdict_other_than_the_accepted_one_fails_the_run(notebooks, tmp_path, monkeypatch):
@@ -176,15 +159,6 @@ def test_two_runs_do_not_write_to_one_folder(notebooks, tmp_path):
         pytest.raises(BlockingIOError, match="another run is writing to build"),
     ):
         reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, quiet=True)
-
-
-def test_names_are_quoted_in_addresses_and_escaped_in_attributes(tmp_path):
-    from losbench.workbench.reproduction.pages import index_page
-
-    (tmp_path / "tables").mkdir()
-    (tmp_path / "tables" / 'a"b<&#.csv').write_text("x")
-    page = index_page([], tmp_path)
-    assert 'href="../tables/a%22b%3C%26%23.csv">a&quot;b&lt;&amp;#.csv</a>' in page
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def lstsq(
     scale: float | ArrayLike | None = None,
     on_fail: str = "warn",
 ) -> RobustFit:
-    """Solve A x = y by least squares, for one system or a batch.
+    r"""Solve A x = y by least squares, for one system or a batch.
 
     This is the call; `LeastSquares` is the same choice as an object, to be handed on.
 
@@ -77,6 +77,8 @@ def lstsq(
 
     Notes
     -----
+    .. math:: \hat x = (A^T A)^{-1} A^T y
+
     liu2026, eq. (7). Solved through an orthonormal basis of scaled columns, never through A'A.
 
     Examples
@@ -126,7 +128,7 @@ def irls(
     on_fail: str = "warn",
     tol: float | None = None,
 ) -> RobustFit:
-    """Solve A x = y robustly by iteratively reweighted least squares, for one system or a batch.
+    r"""Solve A x = y robustly by iteratively reweighted least squares, for one system or a batch.
 
     This is the call; `IRLS` is the same choice as an object, to be handed on.
 
@@ -186,6 +188,8 @@ def irls(
 
     Notes
     -----
+    .. math:: \hat x = (A^T W A)^{-1} A^T W y, \qquad W_{ii} = w(r_i / s), \quad r = y - A \hat x
+
     liu2026, eq. (8)-(10), which takes Huber(1.345) and scale="std". Close to the solution, the
     inverse of A'WA is corrected by Broyden's secant instead of made anew, which reaches the same
     place in about half as many steps.

@@ -108,7 +108,7 @@ def gyro_errors(
 
 
 def floor_px(setting: Setting, motion: Vibration, rate_hz: float | None = None) -> Floats:
-    """Sampling floor of linear interpolation, f h^2 / (12 T) |w(T) - w(0)| across the line of
+    """Sampling floor of linear interpolation, ``f h^2 / (12 T) |w(T) - w(0)|`` across the line of
     sight, (F,) pixels.
     """
     h = 1.0 / (rate_hz or setting.gyro_rate_hz)

@@ -164,7 +164,7 @@ class PointingBudget:
         )
 
     def total(self, requirement: PointingRequirement) -> Floats:
-        """Error at the requirement's level, (k,), arcsec: |mean| + factor x sigma of the sum."""
+        """Error at the requirement's level, (k,), arcsec: ``|mean| + factor sigma`` of the sum."""
         mean, sigma = PointingSource(
             "all", "group", np.zeros(1), np.zeros(1), self.sources
         ).contribution(requirement.index)

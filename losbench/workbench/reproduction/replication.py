@@ -11,7 +11,6 @@ from textwrap import shorten
 
 from losbench.workbench.ledger.claims import CLASSES, counted
 from losbench.workbench.ledger.ledger import Ledger
-from losbench.workbench.reproduction.pages import VERDICT_COLOURS
 
 __all__ = ["PAPERS", "REPLICATION", "replication_page"]
 
@@ -50,7 +49,7 @@ _SILENT = ("no power", "follows", "set")
 
 
 def replication_page(ledger: Ledger, build: Path, anchors: Mapping[tuple[str, str], str]) -> str:
-    """Return the report as a page of its own that prints on A4.
+    """Return the report as HTML for a page of the site, which prints on A4.
 
     Parameters
     ----------
@@ -71,7 +70,6 @@ def replication_page(ledger: Ledger, build: Path, anchors: Mapping[tuple[str, st
         papers=papers,
         classes="".join(f"<dt>{k}</dt><dd>{escape(v)}</dd>" for k, v in CLASSES.items()),
         runs=_runs(build),
-        colours=VERDICT_COLOURS,
     )
 
 
@@ -210,33 +208,7 @@ def _runs(build: Path) -> str:
     return "".join(rows)
 
 
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>losbench: replication report</title><style>
-body {{ font: 15px/1.45 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
-color: #222; background: #fff }}
-h2 {{ margin: 2rem 0 .2rem }} h3 {{ margin: .9rem 0 .2rem; font-size: 1rem }}
-ul, ol {{ margin: .2rem 0; padding-left: 1.2rem }} li {{ margin: .15rem 0 }}
-small {{ color: #555; overflow-wrap: anywhere }} .cite {{ margin: 0; color: #555 }}
-table {{ border-collapse: collapse; font-size: .9em }}
-th, td {{ text-align: left; vertical-align: top; padding: .15rem .6rem .15rem 0 }}
-th, td {{ border-bottom: 1px solid #ddd }}
-.figures {{ display: flex; gap: 1rem; align-items: center }}
-.figures img {{ width: 49%; min-width: 0 }}
-dl {{ display: grid; grid-template-columns: 7rem 1fr; margin: .3rem 0 }} dd {{ margin: 0 }}
-{colours}
-@media print {{
-  @page {{ size: A4; margin: 11mm 12mm }}
-  body {{ font-size: 7.9pt; line-height: 1.22; max-width: none; margin: 0; padding: 0 }}
-  section {{ break-before: page }} h3 {{ margin: .35rem 0 .1rem; font-size: 1.1em }}
-  table {{ font-size: .88em }} li {{ margin: .05rem 0 }} small {{ font-size: 6.9pt }}
-  h2 {{ margin-top: 0 }}
-  li, tr, .figures {{ break-inside: avoid }} a {{ color: inherit; text-decoration: none }}
-  ul {{ columns: 2; column-gap: 6mm }} .figures img {{ max-height: 42mm; width: auto }}
-}}
-</style></head><body>
-<p class="screen"><a href="html/index.html">All notebooks</a> ·
-<a href="ledger.html">Ledger of claims</a></p>
-<h1>Three papers, replicated</h1>
+_PAGE = """<div class="made replication">
 <p>{replication}</p>
 <p>{total} printed numbers and statements: {counts}. A class is computed from what the notebooks
 found, never typed:</p>
@@ -244,5 +216,5 @@ found, never typed:</p>
 {papers}
 <section><h2>Time and memory</h2>
 <table><tr><th>notebook</th><th>time</th><th>memory at most</th></tr>{runs}</table></section>
-</body></html>
+</div>
 """

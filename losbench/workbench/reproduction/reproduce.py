@@ -27,26 +27,30 @@ from losbench.outputs import locked
 from losbench.resources import build_folder, data_file, notebook_folder, write_whole
 from losbench.workbench.ledger.claims import COLUMNS, accept, accepted_verdicts, as_csv
 from losbench.workbench.ledger.ledger import Ledger
-from losbench.workbench.reproduction.pages import cell_anchors, index_page, ledger_page
-from losbench.workbench.reproduction.replication import replication_page
 from losbench.workbench.reproduction.running import Run, end_with_parent, reads_others, run_notebook
+from losbench.workbench.reproduction.site import build_site, can_build
 
 __all__ = ["Reproduction", "reproduce"]
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What a reproduction did; ``changed`` lists the verdicts that are not the accepted ones."""
+    """What a reproduction did; ``changed`` lists the verdicts that are not the accepted ones.
+
+    ``site`` is the first page of the site, where one was built, ``problem`` why it was not.
+    """
 
     runs: list[Run]
     changed: list[str]
     out: Path
     counts: dict[str, int] = field(default_factory=dict)
+    site: Path | None = None
+    problem: str = ""
 
     @property
     def ok(self) -> bool:
-        """Whether every notebook ran and every verdict is the accepted one."""
-        return not self.changed and not any(run.error for run in self.runs)
+        """Whether every notebook ran, the site was built and every verdict is the accepted one."""
+        return not (self.changed or self.problem or any(run.error for run in self.runs))
 
     def summary(self) -> str:
         """Return time and memory per notebook, what failed, and the verdicts, as text."""
@@ -63,11 +67,12 @@ class Reproduction:
                 "Verdicts that differ from the accepted ones (--accept takes them):",
                 *self.changed,
             ]
+        lines += [f"\n{self.problem}"] * bool(self.problem)
         verdicts = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
         last = [
             "",
             f"Claims: {verdicts}.",
-            f"Written to {self.out}; begin with {self.out / 'html' / 'index.html'}.",
+            f"Written to {self.out}" + (f"; open {self.site}" if self.site else "."),
         ]
         return "\n".join([*(line.rstrip() for line in lines), *last])
 
@@ -81,8 +86,11 @@ def reproduce(
     accept_verdicts: bool = False,
     quiet: bool = False,
     notebooks: str | Path | None = None,
+    site: bool = True,
 ) -> Reproduction:
-    """Run the notebooks in a process pool and gather figures, tables, pages and the ledger.
+    """Run the notebooks in a process pool and gather figures, tables and the ledger.
+
+    Of all notebooks a site is built too, if the extra ``docs`` is installed.
 
     Parameters
     ----------
@@ -100,6 +108,8 @@ def reproduce(
         No progress bar.
     notebooks : path, optional
         The folder of the notebooks, by default the one that losbench ships.
+    site : bool
+        Build the site too.
 
     Returns
     -------
@@ -125,12 +135,20 @@ def reproduce(
         target.mkdir(parents=True, exist_ok=True)
         _forget(target, keep={path.stem for path in every})
         runs = _run_all(chosen, target, workers=workers, force=force, quiet=quiet)
-        pages = [path for path in every if (target / "html" / f"{path.stem}.html").is_file()]
-        write_whole(target / "html" / "index.html", index_page(pages, target))
         changed, counts = _settle(
             target, complete=not select, accept_verdicts=accept_verdicts, runs=runs
         )
-    return Reproduction(runs, changed, target, counts)
+        first, problem = _site(source, target) if site and not select else (None, "")
+    return Reproduction(runs, changed, target, counts, first, problem)
+
+
+def _site(source: Path, target: Path) -> tuple[Path | None, str]:
+    if not can_build():
+        return None, ""
+    try:
+        return build_site(out=target, notebooks=source), ""
+    except ValueError as problem:
+        return None, str(problem)
 
 
 def _run_all(
@@ -275,14 +293,11 @@ def _settle(
     accept_verdicts: bool,
     runs: Iterable[Run],
 ) -> tuple[list[str], dict[str, int]]:
-    """Write ledger and report; return the verdicts that are not the accepted ones, and how many
-    there are of each.
+    """Write the ledger; return the verdicts that are not the accepted ones, and how many there are
+    of each.
     """
-    ledger = Ledger.collect(target / "ledger")
-    rows, anchors = list(ledger.rows()), cell_anchors(target)
+    rows = list(Ledger.collect(target / "ledger").rows())
     write_whole(target / "ledger.csv", as_csv(COLUMNS, rows))
-    write_whole(target / "ledger.html", ledger_page(rows, anchors))
-    write_whole(target / "replication.html", replication_page(ledger, target, anchors))
     found = {row["id"]: row["verdict"] for row in rows}
     examined = {id_ for id_, verdict in found.items() if verdict != "pending"}
     counts = {

@@ -66,13 +66,11 @@ def reads_others(notebook: str) -> bool:
 
 
 def run_notebook(path: Path, folder: Path, target: Path) -> Run:
-    """Execute a notebook; its pages and whatever it saves go to ``folder``."""
+    """Execute a notebook; it and whatever it saves go to ``folder``."""
     import nbformat
 
-    from losbench.workbench.reproduction.export import notebook_to_html
-
     started = time.perf_counter()
-    for part in ("work", "notebooks", "html"):
+    for part in ("work", "notebooks"):
         (folder / part).mkdir(parents=True)
     build = target if reads_others(path.stem) else folder
     memory_mb = 0.0
@@ -81,8 +79,6 @@ def run_notebook(path: Path, folder: Path, target: Path) -> Run:
         error, memory_mb = _execute(notebook, path.name, cwd=folder / "work", build=build)
         if not error:
             nbformat.write(notebook, folder / "notebooks" / path.name)
-            html = notebook_to_html(notebook, path.stem)
-            (folder / "html" / f"{path.stem}.html").write_text(html, encoding="utf-8")
     except Exception as problem:
         error = f"{path.name}: {type(problem).__name__}: {problem}"
     shutil.rmtree(folder / "work")

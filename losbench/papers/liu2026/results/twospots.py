@@ -40,11 +40,11 @@ def alpha_bound(
 
     The row dy = f alpha + x gamma holds for either spot, so whatever weights >= 0 an estimator
     gives its rows, alpha is a weighted mean of (dy - x gamma) / f. RMS and PV obey the triangle
-    inequality:
+    inequality::
 
         S(alpha) <= max(S(y_a), S(y_b)) * pixel / f + max|x| / f * S(gamma),
 
-    and |x| is at most half the sensor.
+    and ``|x|`` is at most half the sensor.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def two_spot_angles(
 ) -> Floats:
     """Angles (..., 3) in radians of two spots by eq. (7), or by eq. (8)-(10) in closed form.
 
-    With D = A - B, d = |D|, e = D / d, e' = (-e_y, e_x), and the shifts' half difference
+    With D = A - B, d = ``|D|``, e = D / d, e' = (-e_y, e_x), and the shifts' half difference
     s = e . (b_A - b_B) / 2 the residuals of LS are (s e, -s e). Huber's loss moves gamma alone:
-    where an element exceeds c the larger one |e_i| is held at the loss's slope and
+    where an element exceeds c the larger one ``|e_i|`` is held at the loss's slope and::
 
         gamma = e' . (b_A - b_B) / d - 2 e'_i sgn(s e_i) E / d,
         E = |r_i| - min(|s|, c / |e_i|) |e_i|,

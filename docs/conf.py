@@ -1,0 +1,53 @@
+"""Sphinx settings of the site that ``losbench site`` builds; warnings are errors there."""
+
+import shutil
+from importlib.metadata import distribution
+from pathlib import Path
+
+from losbench import __version__
+from losbench.workbench.reproduction.reference import write_reference
+
+HERE = Path(__file__).resolve().parent
+
+project = "losbench"
+author = "The losbench developers"
+version = release = __version__
+html_title = f"losbench {release}"
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+exclude_patterns = ["_made"]
+default_role = "py:obj"
+
+nb_execution_mode = "off"
+nb_merge_streams = True
+# The pages hold pictures of the explorers, and nothing that would ask a network for widgets.
+nb_ipywidgets_js = {}
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+
+autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+python_maximum_signature_line_length = 88
+napoleon_google_docstring = False
+napoleon_use_param = False
+napoleon_use_rtype = False
+# Words in the types of attributes that are also the names of several attributes.
+suppress_warnings = ["ref.python"]
+
+html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_show_copyright = False
+pygments_style = "a11y-high-contrast-light"
+pygments_dark_style = "a11y-high-contrast-dark"
+
+# One file, whole: formulas show from file:// and without a network.
+mathjax_path = "tex-svg.js"
+mathjax3_config = {"options": {"enableMenu": False}}
+
+_mathjax = distribution("sphinx-mathjax-offline").locate_file(
+    "sphinx-mathjax-offline/static/mathjax/tex-svg.js"
+)
+shutil.copy(str(_mathjax), HERE / "_static" / "tex-svg.js")
+write_reference(HERE / "api")
