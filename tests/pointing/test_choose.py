@@ -49,8 +49,8 @@ def test_forward_predicts_from_the_past_alone_and_baselines_stand_beside():
 
 def test_a_step_inside_a_fold_left_out_cannot_be_predicted():
     fold = np.arange(600) // 100
-    model = Offset() + Linear("room") + Steps((T[599] + 1e4,))
-    assert len(lb.cross_validate(model, Y, SENSORS, T, folds=fold).not_predictable) == 6
+    model = Offset() + Linear("room") + Steps((T[599],))
+    assert lb.cross_validate(model, Y, SENSORS, T, folds=fold).not_predictable == ("5",)
     inside = Offset() + Steps((T[210], T[290]))
     found = lb.cross_validate(inside, Y, SENSORS, T, folds=fold)
     assert found.not_predictable == ("2",)
@@ -111,6 +111,36 @@ def test_a_choice_takes_what_is_there_and_nothing_else():
         (
             lambda: lb.choose({"a": Lagged("room")}, Y, SENSORS, T),
             "candidates must have known lags, got one to fit in a",
+        ),
+        *(
+            (
+                lambda call=call: call(np.where((T[100] <= T) & (T[250] > T), np.nan, Y), folds=6),
+                "folds must each hold samples, got none in block 2",
+            )
+            for call in (
+                lambda y, **o: lb.cross_validate(Offset(), y, {}, T, **o),
+                lambda y, **o: lb.choose({"trend": Trend(1)}, y, {}, T, **o),
+            )
+        ),
+        (
+            lambda: lb.choose({"trend": Trend(1)}, Y * np.nan, {}, T),
+            "folds must each hold samples, got none in block 1",
+        ),
+        (
+            lambda: lb.cross_validate(Offset(), Y, {}, T, folds=np.where(T[9] < T, 1.0, np.nan)),
+            "folds must name every sample's fold, got 10 NaN",
+        ),
+        (
+            lambda: lb.cross_validate(Offset(), Y, {}, T, folds=np.zeros(599)),
+            r"folds must have shape \(600,\) to match time_s",
+        ),
+        (
+            lambda: lb.cross_validate(Offset() + Steps((9e9,)), Y, {}, T),
+            "Steps must lie within the record",
+        ),
+        (
+            lambda: lb.choose({"step": Steps((-1.0,))}, Y, {}, T),
+            "Steps must lie within the record",
         ),
         (lambda: lb.choose({"t": Trend(1)}, np.ones((600, 2)), {}, T), "angles must be one axis"),
         (lambda: lb.choose({"t": Trend(1)}, Y, {}, T, folds=2), "folds must be at least three"),

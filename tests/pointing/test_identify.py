@@ -315,6 +315,56 @@ def test_a_wrong_model_file_is_named(tmp_path, change, message):
 
 
 Y = arcsec_to_rad(CLEAN)
+NOISY = Y + arcsec_to_rad(0.1 * np.random.default_rng(20).standard_normal(800))
+
+
+@pytest.mark.parametrize(
+    ("model", "sensors", "alike"),
+    [
+        (Offset() + Linear("T1", "T2"), {"T1": ONE, "T2": 2 * ONE + 1}, "T1, T2"),
+        (Offset() + Lagged("T1", "T2"), {"T1": ONE, "T2": 3 * ONE}, "T1 lagged, T2 lagged"),
+        (
+            Offset() + Lagged("T1", "T2", tau_s="spectrum"),
+            {"T1": ONE, "T2": -ONE},
+            "T1 lagged, T2 lagged",
+        ),
+        (
+            Offset() + Linear("T1", "T2") + Difference("T1", "T2"),
+            SENSORS,
+            "T1, T2, T1 - T2",
+        ),
+    ],
+)
+def test_sensors_that_read_the_same_get_no_sensitivity_and_predictions_stay(model, sensors, alike):
+    found = lb.identify(model, NOISY, sensors, T)
+    assert np.isnan(found.sensitivity).all() and np.isnan(found.interval).all()
+    assert any(note.startswith(f"{alike} cannot be told apart") for note in found.notes)
+    assert not any("nearly collinear" in note for note in found.notes)
+    assert np.isfinite(found.predict(sensors, T)).all()
+
+
+def test_a_sensor_beside_its_own_lag_is_no_second_sensor():
+    y = NOISY + arcsec_to_rad(0.5 * ONE)
+    found = lb.identify(Offset() + Linear("T1") + Lagged("T1") + Linear("T2"), y, SENSORS, T)
+    assert np.isfinite(found.sensitivity).all()
+    assert not any("told apart" in note for note in found.notes)
+    judged = lb.cross_validate(
+        Offset() + Linear("T1") + Lagged("T1") + Linear("T2"), y, SENSORS, T, folds=2
+    )
+    assert judged.not_predictable == ()
+
+
+def test_what_only_unused_samples_tell_is_withheld():
+    steady = {"T1": ONE, "T2": np.where(T[400] > T, 3.0, 4.0)}
+    found = lb.identify(
+        Offset() + Linear("T1", "T2"), np.where(T[300] > T, NOISY, np.nan), steady, T
+    )
+    assert np.isnan(found.sensitivity).tolist() == [False, True]
+    assert any(note.startswith("offset, T2 cannot be told apart") for note in found.notes)
+    silent = np.where((T[300] <= T) & (T[400] > T), np.nan, NOISY)
+    steps = lb.identify(Offset() + Steps((T[320], T[350])), silent, {}, T)
+    assert np.isinf(steps.condition) and np.isinf(steps.vif[1:]).all() and steps.vif[0] == 1
+    assert "step at 19200 s, step at 21000 s cannot be told apart" in steps.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -342,6 +392,23 @@ Y = arcsec_to_rad(CLEAN)
         ),
         (lambda: lb.identify("T1", Y, SENSORS, T), "model must be a sum of terms"),
         (lambda: lb.identify(Offset() + Offset(), Y, SENSORS, T), "got offset twice"),
+        *(
+            (
+                lambda at=at: lb.identify(Offset() + Steps((6e3, at)), Y, {}, T),
+                f"Steps must lie within the record, after 0 s and until 47940 s, got {at:g} s",
+            )
+            for at in (-500.0, 0.0, 47940.5)
+        ),
+        (
+            lambda: lb.identify(Offset() + Product(Steps((9e9,)), Linear("T1")), Y, SENSORS, T),
+            "Steps must lie within the record",
+        ),
+        (lambda: lb.identify(MODEL, Y, SENSORS, np.where(T > 6e3, np.inf, T)), "time_s must be fi"),
+        (
+            lambda: lb.identify(MODEL, Y, SENSORS | {"T1": np.where(T > 6e3, np.inf, ONE)}, T),
+            "sensor T1 must be finite or NaN",
+        ),
+        (lambda: lb.identify(MODEL, Y, SENSORS | {"T1": ONE * np.nan}, T), "must hold a reading"),
         (lambda: lb.identify(MODEL, Y, SENSORS, T, solver="best"), "solver must be one of"),
         (lambda: Lagged("T1", tau_s="fast"), 'tau_s must be a number, "fit" or "spectrum"'),
         (lambda: Lagged("T1", tau_s=-3.0), "tau_s must be positive, got -3"),

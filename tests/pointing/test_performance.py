@@ -336,6 +336,17 @@ def test_a_wrong_budget_is_named(tmp_path, change, message):
         lb.PointingBudget.from_toml(path)
 
 
+def test_uneven_times_are_said():
+    rng = np.random.default_rng(31)
+    t = 0.1 * np.arange(2000)
+    assert lb.pointing_metrics(rng.standard_normal(2000), t, 1.0).notes == ()
+    t = np.delete(t + 0.004 * rng.uniform(-1, 1, 2000), slice(500, 600))
+    assert lb.pointing_metrics(rng.standard_normal(1900), t, 1.0).notes == ()
+    t = np.cumsum(rng.uniform(0.08, 0.12, 2000))
+    (note,) = lb.pointing_metrics(rng.standard_normal(2000), t, 1.0).notes
+    assert note.startswith("Times are not evenly spaced: steps of 0.08 to 0.12 s count as")
+
+
 T = ramp()
 
 
@@ -352,6 +363,16 @@ T = ramp()
             "window_s must fit into a stretch without gaps, the longest of which is 0.245 s",
         ),
         (lambda: lb.pointing_metrics(T * np.nan, T, 1.0), "the longest of which is 0 s"),
+        (lambda: lb.pointing_metrics(T, np.r_[T[:1], T[:-1]], 1.0), "time_s must increase"),
+        (lambda: lb.pointing_metrics(T[:1], T[:1], 1.0), "time_s must hold two samples or more"),
+        (lambda: lb.pointing_metrics(T[:0], T[:0], 1.0), "must hold at least one sample"),
+        (lambda: lb.pointing_metrics(T, T, 1.0, 100.0), "separation_s must span 1 samples or more"),
+        (
+            lambda: lb.pointing_metrics(np.c_[T, T], T, 1.0).verdict(
+                lb.PointingRequirement("R1", "APE", (1.0, 2.0, 3.0))
+            ),
+            "limit of R1 must be one number or 2, one per axis, got 3",
+        ),
         (lambda: lb.half_cone((0.0, 0.0)), "sigma must be two numbers"),
         (lambda: lb.mtf(smear=-1.0), "smear must be a finite number of at least 0"),
         (lambda: lb.noise_floor(T[:4], rate_hz=1.0), "series must hold at least 8 samples"),

@@ -187,6 +187,7 @@ def test_columns_are_nearly_collinear_beyond_a_condition_of_30_or_an_inflation_o
         rejected=np.array([False] * 4),
         residuals=np.ones(4),
         law="as given",
+        alike=np.zeros(3, dtype=bool),
     )
     design = SimpleNamespace(lags=[], model=SimpleNamespace(labels=("a", "b", "c")))
     (*line,) = notes_of([axis], design, series=True)

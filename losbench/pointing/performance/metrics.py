@@ -16,7 +16,7 @@ from losbench.pointing.performance.intervals import chi2_interval
 from losbench.pointing.performance.percentiles import error_percentile
 from losbench.pointing.performance.record import Metric, Record
 from losbench.pointing.performance.windows import WindowStatistics, window_statistics
-from losbench.series import runs
+from losbench.series import gaps, runs
 from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["PointingMetrics", "pointing_metrics"]
 
 _NAMES = ("ape", "mpe", "rpe", "pde", "pre", "smear", "jitter")
+_UNEVEN = 0.1  # of a step: what times may be off by
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,6 +123,11 @@ class PointingMetrics:
         """
         metric: Metric = getattr(self, requirement.index.lower())
         interval = requirement.factor * rad_to_arcsec(metric.interval).reshape(-1, 2)
+        if np.size(requirement.limit) not in {1, len(interval)}:
+            raise ValueError(
+                f"limit of {requirement.id} must be one number or {len(interval)}, one per axis, "
+                f"got {np.size(requirement.limit)}"
+            )
         limits = np.broadcast_to(requirement.limit, len(interval))
         return tuple(
             "met" if high <= limit else "not met" if low > limit else "not shown"
@@ -220,7 +226,7 @@ def pointing_metrics(
         windows=len(found.mean),
         dropped=possible - len(found.mean),
         route=route,
-        notes=record.notes(),
+        notes=(*_uneven(t, step_s), *record.notes()),
         _angles=series,
         _density=(frequency, density if given.ndim > 1 else density[:, 0]),
     )
@@ -229,12 +235,24 @@ def pointing_metrics(
 def _samples(name: str, value: float, step_s: float, t: Floats, *, least: int = 1) -> int:
     seconds = number(name, value, low=0.0)
     samples = int(np.rint(seconds / step_s)) if np.isfinite(step_s) else 0
+    if t.size < 2:
+        raise ValueError("time_s must hold two samples or more, got one")
     if samples < least or samples > t.size:
         raise ValueError(
             f"{name} must span {least} samples or more and fit into the record, which has {t.size} "
             f"of {step_s:g} s, got {seconds:g} s"
         )
     return samples
+
+
+def _uneven(t: Floats, step_s: float) -> tuple[str, ...]:
+    step = np.diff(t)[~gaps(t)]
+    if (np.abs(step - step_s) <= _UNEVEN * step_s).all():
+        return ()
+    return (
+        f"Times are not evenly spaced: steps of {step.min():.3g} to {step.max():.3g} s count as "
+        f"{step_s:.3g} s each, and windows hold a number of samples, not a time.",
+    )
 
 
 def _labels(observations: ArrayLike | None, t: Floats, window_s: float) -> Indices:

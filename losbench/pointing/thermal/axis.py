@@ -34,6 +34,7 @@ _PROFILE = 30
 _SMOOTH = 0.15  # correlation of neighbouring steps of the errors
 _FEWEST_THINNED = 40
 _PERFECT = 1e-11  # of the largest angle: residuals so small hold no noise
+_NO_POWER = 1e-15  # eigenvalue of a correlation matrix, of the largest
 _YEAR_S = 31_557_600.0
 
 
@@ -60,6 +61,7 @@ class AxisFit:
     converged: bool
     omitted: tuple[str, ...]
     thinned: int
+    alike: Bools
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,9 @@ def fit_axis(
         others = len(design.sensitive()) > len(design.lags)
         fit = generalised(rich, kept.y, kept.time_s, noise, freedom=others)
     sensitivity, interval, dof = _sensitivities(design, kept, fit, noise, level, all_lags, states)
+    alike = design.alike(kept.rows)
+    withheld = alike[list(design.sensitive())]
+    sensitivity[withheld] = interval[withheld] = dof[withheld] = np.nan
     residuals, weights = np.full(y.size, np.nan), np.zeros(y.size)
     residuals[point.rows], weights[point.rows] = -point.fit.residuals, point.fit.weights
     rejected = np.zeros(y.size, dtype=bool)
@@ -138,7 +143,8 @@ def fit_axis(
         lack_of_fit=tests,
         converged=point.converged,
         thinned=thinned,
-        omitted=() if perfect else _omitted(design, kept, fit, noise, sensors),
+        alike=alike,
+        omitted=() if perfect or alike.any() else _omitted(design, kept, fit, noise, sensors),
     )
 
 
@@ -272,9 +278,11 @@ def _collinearity(columns: Floats) -> tuple[float, Floats]:
         return 1.0, vif
     scaled = centred[:, varies] / size[varies]
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    values = np.maximum(values, 1e-300)
-    vif[varies] = np.sum(vectors**2 / values, axis=1)
-    return float(np.sqrt(values[-1] / values[0])), vif
+    none = values <= _NO_POWER * values[-1]
+    inflated = np.sum(vectors[:, ~none] ** 2 / values[~none], axis=1)
+    lost = (np.abs(vectors[:, none]) > 1e-6).any(axis=1)
+    vif[varies] = np.where(lost, np.inf, inflated)
+    return float(np.sqrt(values[-1] / values[0])) if not none.any() else np.inf, vif
 
 
 def _omitted(

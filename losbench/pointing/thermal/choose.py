@@ -14,7 +14,7 @@ from losbench.checks import integer, number
 from losbench.estimation.robust import RobustFit
 from losbench.estimation.solvers import Solver, as_part, read_solver
 from losbench.pointing.thermal.design import bind, read_series
-from losbench.pointing.thermal.folds import read_folds, sigma_about_zero
+from losbench.pointing.thermal.folds import check_folds, read_folds, sigma_about_zero
 from losbench.pointing.thermal.terms import Adds, Lagged, Model, Offset
 from losbench.units import rad_to_arcsec
 
@@ -128,6 +128,7 @@ def choose(
     known = np.isfinite(y[:, 0])
     for design in designs.values():
         known &= design.known
+    check_folds(fold, labels, known)
     columns = {name: design.matrix(np.empty(0))[known] for name, design in designs.items()}
     search = _Search(
         columns,

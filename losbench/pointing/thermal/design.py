@@ -9,16 +9,28 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from losbench.arrays import Bools, Floats
+from losbench.arrays import Bools, Floats, Indices
 from losbench.checks import finite_or_nan, increasing, shaped
 from losbench.pointing.thermal.lag import lagged
-from losbench.pointing.thermal.terms import Adds, Difference, Lagged, Linear, Model, Product, Trend
+from losbench.pointing.thermal.terms import (
+    Adds,
+    Difference,
+    Lagged,
+    Linear,
+    Model,
+    Product,
+    Steps,
+    Trend,
+)
 
 __all__ = ["Design", "bind", "read_series"]
 
 _REMEMBERED = 128  # columns
 _NUDGE = 1e-3  # in the logarithm of a lag, for its derivative
 _CONSTANT = 1e-9  # of the greatest size: a smaller spread of a sensor is none
+_ALIKE = 3.0  # median steps: a lag that all sensors share while columns are compared
+_SMALLEST = 1e-9  # singular value of unit columns: a smaller one is none
+_PART = 1e-6  # of a direction that has none: a column with less has no part in it
 
 
 @dataclass(frozen=True)
@@ -86,6 +98,20 @@ class Design:
                 ]
             at += width
         return tuple(found)
+
+    def alike(self, rows: Indices | Bools) -> Bools:
+        """Which columns (p,) some rows cannot tell from others, such as two sensors that read the
+        same, or a step that no row is before.
+
+        Fitted lags are taken to be equal: sensors that differ by their lags alone are alike.
+        """
+        step_s = float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else 0.0
+        columns = self.matrix(np.full(len(self.lags), _ALIKE * step_s))
+        size = np.linalg.norm(columns, axis=0)
+        unit = columns[rows] / np.where(size > 0.0, size, 1.0)
+        _, values, directions = np.linalg.svd(np.linalg.qr(unit)[1])
+        rank = int(np.count_nonzero(values >= _SMALLEST))
+        return np.asarray((np.abs(directions[rank:]) > _PART).any(axis=0))
 
     def lagged(self, lag: int, tau_s: float) -> Floats:
         """Columns (n, degree) of one fitted lag; the last few are remembered, for folds and solves
@@ -161,8 +187,23 @@ def bind(
         means[name] = float(series[there].mean()) if reference is None else reference[name]
         filled[name] = np.interp(t, t[there], series[there]) - means[name]
         known &= there
+    if reference is None:
+        for term in whole.terms:
+            _check_steps(term, t)
     origin = 0.5 * float(t[0] + t[-1])
     return Design(Model(tuple(_set(term, origin) for term in whole.terms)), filled, means, t, known)
+
+
+def _check_steps(term: Adds, t: Floats) -> None:
+    if isinstance(term, Product):
+        _check_steps(term.first, t)
+        _check_steps(term.second, t)
+    for at in term.at_s if isinstance(term, Steps) else ():
+        if not t[0] < at <= t[-1]:
+            raise ValueError(
+                f"Steps must lie within the record, after {t[0]:g} s and until {t[-1]:g} s, got "
+                f"{at:g} s"
+            )
 
 
 def _set(term: Adds, origin_s: float) -> Adds:

@@ -20,11 +20,10 @@ from losbench.units import SIGMA_PER_MAD, rad_to_arcsec
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["CrossValidation", "cross_validate", "read_folds", "sigma_about_zero"]
+__all__ = ["CrossValidation", "check_folds", "cross_validate", "read_folds", "sigma_about_zero"]
 
 YEAR_S = 31_557_600.0
 DAY_S = 86_400.0
-_SMALLEST = 1e-9  # singular value of unit columns: a smaller one means that a fold cannot be told
 
 
 @dataclass(frozen=True, repr=False)
@@ -128,9 +127,7 @@ def cross_validate(
     chosen = as_part(read_solver(solver, None, default="irls"))
     fold, labels = read_folds(folds, design.time_s)
     usable = design.known[:, None] & np.isfinite(series)
-    for i, label in enumerate(labels):
-        if not usable[fold == i].any():
-            raise ValueError(f"folds must each hold samples, got none in {label}")
+    check_folds(fold, labels, np.asarray(usable.any(axis=1)))
     errors = np.full(series.shape, np.nan)
     lost: dict[str, None] = {}
     for axis in range(series.shape[1]):
@@ -177,6 +174,8 @@ def read_folds(folds: str | int | ArrayLike, time_s: Floats) -> tuple[NDArray[np
     else:
         given = np.asarray(folds)
         shaped("folds", given, (time_s.size,), why="to match time_s")
+        if (nameless := given != given).any():
+            raise ValueError(f"folds must name every sample's fold, got {nameless.sum()} NaN")
         values, first, inverse = np.unique(given, return_index=True, return_inverse=True)
         order = np.argsort(first)
         place = np.empty(order.size, dtype=np.intp)
@@ -187,15 +186,19 @@ def read_folds(folds: str | int | ArrayLike, time_s: Floats) -> tuple[NDArray[np
     return number.astype(np.intp), labels
 
 
+def check_folds(fold: NDArray[np.intp], labels: list[str], usable: Bools) -> None:
+    """Refuse folds without a usable sample (n,)."""
+    for i, label in enumerate(labels):
+        if not usable[fold == i].any():
+            raise ValueError(f"folds must each hold samples, got none in {label}")
+
+
 def _predict(design: Design, y: Floats, solver: Solver, train: Bools, test: Bools) -> Floats | None:
     """Angles of the test rows, or None where the training rows cannot tell them."""
     rows = train & design.known & np.isfinite(y)
     if rows.sum() <= len(design.model.labels) + len(design.lags):
         return None
-    columns = design.matrix(np.zeros(len(design.lags)))
-    size = np.linalg.norm(columns, axis=0)
-    within = columns[rows] / np.where(size > 0, size, 1.0)
-    if np.linalg.svd(np.linalg.qr(within)[1], compute_uv=False)[-1] < _SMALLEST:
+    if design.alike(rows).any():
         return None
     point = fit_point(design, y, solver, use=train)
     predicted: Floats = design.matrix(point.tau_s)[test] @ point.fit.x

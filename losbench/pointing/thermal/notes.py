@@ -53,7 +53,13 @@ def _sentences(axis: AxisFit, design: Design) -> list[str]:
     lines += [f"with trend, season and all sensors, {text}" for text in axis.omitted]
     labels = design.model.labels
     worst = int(np.argmax(axis.vif))
-    if axis.condition > _WORST_CONDITION or axis.vif[worst] > _WORST_VIF:
+    if axis.alike.any():
+        names = ", ".join(label for label, one in zip(labels, axis.alike, strict=True) if one)
+        lines.append(
+            f"{names} cannot be told apart by these samples: no sensitivity to them is given, "
+            "predictions are safe as long as they stay alike"
+        )
+    elif axis.condition > _WORST_CONDITION or axis.vif[worst] > _WORST_VIF:
         lines.append(
             f"columns are nearly collinear (condition {axis.condition:.3g}, variance of "
             f"{labels[worst]} inflated {axis.vif[worst]:.3g} times): read single sensitivities "
