@@ -1,0 +1,355 @@
+"""Peaks that part or join, crumbs, tiles and the pattern of a sensor, against loops and closed
+forms."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.interpolate import RegularGridInterpolator
+
+import losbench as lb
+from losbench.imaging.basins import Basins, _neighbours, group, without_crumbs
+from losbench.imaging.levels import _is_flat, sky_of
+from losbench.imaging.mesh import _slopes, _smooth_tiles, _starts, _surface, _to_the_ends, mesh
+from losbench.imaging.pattern import FLAT, Pattern, _jump
+from losbench.imaging.sky import Sky
+
+# Basins
+
+
+def pairs(place, width):
+    """Places that touch, by sides or corners."""
+    at = {divmod(p, width): k for k, p in enumerate(place)}
+    steps = ((0, 1), (1, -1), (1, 0), (1, 1))
+    return {
+        (k, at[row + down, column + right])
+        for (row, column), k in at.items()
+        for down, right in steps
+        if (row + down, column + right) in at
+    }
+
+
+def grouped(place, width, value, noise):
+    """The peak of every pixel, one basin at a time."""
+    touching = pairs(place, width)
+    near = {k: {k} for k in range(len(place))}
+    for a, b in touching:
+        near[a].add(b)
+        near[b].add(a)
+
+    def rank(k):
+        return value[k], k
+
+    def root(k, up):
+        while up[k] != k:
+            k = up[k]
+        return k
+
+    up = {k: max(near[k], key=rank) for k in near}
+    owner = [root(k, up) for k in range(len(place))]
+    while True:
+        saddles = {}
+        for a, b in touching:
+            if owner[a] != owner[b]:
+                low, high = sorted((owner[a], owner[b]), key=rank)
+                saddles.setdefault(low, []).append((min(value[a], value[b]), high))
+        up = {k: k for k in range(len(place))}
+        for low, found in saddles.items():
+            saddle, high = max(found)
+            if saddle >= min(0.8 * value[low], value[low] - 1.5 * noise[low]):
+                up[low] = high
+        joined = [root(k, up) for k in owner]
+        if joined == owner:
+            return owner
+        owner = joined
+
+
+@pytest.mark.parametrize("smooth", [0.7, 1.5])
+def test_pixels_belong_to_the_peak_that_a_loop_leads_them_to(smooth):
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        height = ndimage.gaussian_filter(rng.random((14, 17)), smooth)
+        place = np.flatnonzero(rng.random((14, 17)) < 0.7)
+        value = 10.0 * height.ravel()[place]
+        noise = rng.uniform(0.0, 1.0, len(place))
+        ones, others = _neighbours(place, 17)
+        assert len(ones) == len(pairs(place, 17))
+        assert set(zip(ones.tolist(), others.tolist(), strict=True)) == pairs(place, 17)
+        basins, expected = group(place, 17, value, noise), grouped(place, 17, value, noise)
+        assert basins.count == len(set(expected))
+        np.testing.assert_array_equal(basins.owner, np.unique(expected, return_inverse=True)[1])
+
+
+@pytest.mark.parametrize(
+    ("saddle", "noise", "spots"),
+    [(63.9, 0.0, 2), (64.1, 0.0, 1), (63.9, 10.0, 2), (49.9, 20.0, 2), (50.1, 20.0, 1)],
+)
+def test_a_dip_is_below_eight_tenths_of_the_fainter_peak_and_surely_below_it(saddle, noise, spots):
+    value = np.array([0.0, 100.0, saddle, 80.0, 0.0])
+    of_fainter = np.where(value == 80.0, noise, 0.0)
+    assert group(np.arange(5), 5, value, of_fainter).count == spots
+
+
+def two_spots(light, area, apart=1e3, *, touching):
+    basins = Basins(
+        np.array([0, 1]), 2, *np.array([[0], [1]]) if touching else np.zeros((2, 0), int)
+    )
+    centre = np.array([[0.0, 0.0], [0.6 * apart, 0.8 * apart]])
+    return without_crumbs(basins, np.array(area), np.array([1.0, light]), centre).tolist()
+
+
+def test_crumbs_touch_a_spot_two_hundred_times_as_bright():
+    for light, kept in ((0.0049, False), (0.0051, True)):
+        assert two_spots(light, [50.0, 1.0], touching=True) == [True, kept]
+    assert two_spots(0.0049, [50.0, 1.0], touching=False) == [True, True]
+
+
+def test_crumbs_of_a_chain_touch_the_brightest_by_others():
+    chain = Basins(np.arange(3), 3, np.array([0, 1]), np.array([1, 2]))
+    light, area, centre = np.array([1.0, 0.01, 0.004]), np.ones(3), np.zeros((3, 2))
+    assert without_crumbs(chain, area, light, centre).tolist() == [True, True, False]
+    apart = Basins(np.arange(3), 3, np.array([1]), np.array([2]))
+    assert without_crumbs(apart, area, light, centre).tolist() == [True, True, True]
+
+
+@pytest.mark.parametrize("area", [200.0, 201.0, 800.0])
+def test_wide_spots_have_crumbs_within_a_diameter_and_three_pixels(area):
+    reach = 2.0 * np.sqrt(area / np.pi) + 3.0
+    for apart, light in ((reach - 0.1, 0.0049), (reach + 0.1, 0.0049), (reach - 0.1, 0.0051)):
+        kept = area <= 200 or apart > reach or light > 0.005
+        assert two_spots(light, [area, 1.0], apart, touching=False) == [True, kept]
+
+
+# Tiles
+
+
+@pytest.mark.parametrize("size", [5, 13, 14, 27, 100])
+def test_tiles_cover_every_sample_from_the_first_to_the_last(size):
+    starts = _starts(size)
+    assert starts[0] == 0 and len(starts) == -(-size // 13)
+    assert starts[-1] == max(size - 13, 0)
+    assert (np.diff(starts) <= 13).all()
+
+
+def test_halves_of_a_tile_tell_its_slope():
+    y, x = np.mgrid[:13, :13]
+    tiles = (7.0 + 0.3 * y - 0.2 * x)[None, None]
+    np.testing.assert_allclose(_slopes(tiles)[0, 0], [0.3, -0.2], atol=1e-12)
+    tiles[0, 0, 4:6, 4:6] = 1e3  # a spot
+    np.testing.assert_allclose(_slopes(tiles)[0, 0], [0.3, -0.2], atol=0.03)
+
+
+def test_a_surface_is_the_quadratic_through_all_tiles_but_the_brightest_fifth():
+    y, x = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-1, 1, 7), indexing="ij")
+    level = 50.0 + 3 * y - 2 * x + 4 * y**2 + 5 * x**2 - 1.5 * x * y
+    noise = np.full(level.shape, 0.1)
+    np.testing.assert_allclose(_surface(level, noise), level, atol=1e-9)
+    raised = level.copy()
+    raised[2:4, 3:6] += 40.0
+    np.testing.assert_allclose(_surface(raised, noise), level, atol=1e-9)
+    for shape in ((1, 1), (1, 5), (3, 2), (3, 3)):
+        plane = np.add.outer(2.0 * np.arange(shape[0]), 3.0 * np.arange(shape[1]))
+        fitted = _surface(plane, np.full(shape, 0.1))
+        assert fitted.shape == shape
+        if min(shape) > 1:
+            np.testing.assert_allclose(fitted, plane, atol=1e-9)
+
+
+def test_tiles_within_three_errors_of_the_surface_stay():
+    """The error of a level is told by 1.5 noises over the root of the 169 samples of a tile."""
+    level, noise = np.zeros((7, 7)), np.full((7, 7), 2.0)
+    allowed = 3 * 1.5 * 2.0 / 13
+    for height, ignored in ((0.95 * allowed, False), (1.05 * allowed, True)):
+        lifted = level.copy()
+        lifted[3, 3] = height  # among the brightest fifth, so that it must come back
+        assert (np.abs(_surface(lifted, noise)).max() < 1e-9) == ignored
+
+
+def tiles_with(object_noises, where):
+    level, noise = np.zeros((9, 9)), np.full((9, 9), 2.0)
+    level[where] = 2.0 * object_noises
+    return _smooth_tiles(level, noise)
+
+
+def test_one_raised_tile_is_a_spot_and_two_of_eight_noises_a_big_object():
+    one, noise = tiles_with(20.0, np.s_[4, 4])
+    np.testing.assert_allclose(one, 0.0, atol=1e-9)
+    np.testing.assert_allclose(noise, 2.0)
+    for height, gone in ((7.5, False), (8.5, True)):
+        level, _ = tiles_with(height, np.s_[3:6, 3:6])
+        assert (np.abs(level).max() < 1e-9) == gone, height
+    level = np.zeros((9, 9))
+    level[3:6, 3:6], level[4, 4] = 6.0, 20.0  # three noises, and one tile of ten: no object
+    smooth, _ = _smooth_tiles(level, np.full((9, 9), 2.0))
+    assert np.abs(smooth).max() > 5.0
+    level[4, 5] = 20.0
+    smooth, _ = _smooth_tiles(level, np.full((9, 9), 2.0))
+    np.testing.assert_allclose(smooth, 0.0, atol=1e-9)
+
+
+def test_the_noise_under_a_big_object_is_that_beside_it():
+    level, noise = np.zeros((9, 9)), np.full((9, 9), 2.0)
+    level[3:6, 3:6], noise[2:7, 2:7] = 1000.0, 30.0
+    np.testing.assert_allclose(_smooth_tiles(level, noise)[1], 2.0)
+
+
+def test_tiles_go_straight_on_to_the_ends():
+    middle = np.array([10.0, 20.0, 32.0])
+    tiles = (5.0 + 2.0 * middle)[:, None] * np.array([1.0, -1.0])
+    carried = _to_the_ends(tiles, middle, 51, 0)
+    at = np.array([0.0, *middle, 50.0])
+    np.testing.assert_allclose(carried, (5.0 + 2.0 * at)[:, None] * [1.0, -1.0])
+    one = _to_the_ends(np.array([[3.0, 4.0]]), np.array([7.0]), 15, 0)
+    np.testing.assert_array_equal(one, [[3.0, 4.0]] * 3)
+
+
+@pytest.mark.parametrize(("side", "step"), [(255, 3), (256, 5)])
+def test_tiles_are_of_every_fifth_pixel_or_third_of_a_small_frame(side, step):
+    y, x = np.mgrid[:side, : side + 40]
+    noise = np.random.default_rng(1).normal(0.0, 3.0, y.shape)
+    sky = mesh(200.0 + 0.5 * x + 0.2 * y + noise, 0.0, 3.0, 0.1)
+    starts = _starts(-(-side // step))
+    np.testing.assert_allclose(sky.row[1:-1], step * (starts + 6.0))
+    assert sky.row[0] == 0.0 and sky.row[-1] == side - 1.0 and sky.column[-1] == side + 39.0
+    level, spread = sky.at(y.ravel(), x.ravel())
+    np.testing.assert_allclose(level, (200.0 + 0.5 * x + 0.2 * y).ravel(), atol=2.5)
+    np.testing.assert_allclose(spread, 3.0, rtol=0.25)
+
+
+# Sky
+
+
+def a_sky(pattern=FLAT):
+    rng = np.random.default_rng(2)
+    row, column = np.array([0.0, 5.0, 14.0, 19.0]), np.array([0.0, 8.0, 29.0])
+    return Sky(rng.random((4, 3)), 1 + rng.random((4, 3)), row, column, pattern)
+
+
+PATTERN = Pattern(np.array([[1.0, -2.0], [3.0, -2.0]]), np.array([7.0, -4.0]), (10.0, 15.0))
+
+
+def test_between_the_middles_of_tiles_the_sky_is_straight():
+    sky = a_sky(PATTERN)
+    y, x = np.mgrid[:20, :30]
+    at = np.stack([y.ravel(), x.ravel()], axis=-1)
+    level, noise = (
+        RegularGridInterpolator((sky.row, sky.column), values)(at)
+        for values in (sky.level, sky.noise)
+    )
+    added = PATTERN.phase[y % 2, x % 2] + 7.0 * (y >= 10) - 4.0 * (x >= 15)
+    found = sky.at(y.ravel(), x.ravel())
+    np.testing.assert_allclose(found[0], level + added.ravel(), atol=1e-12)
+    np.testing.assert_allclose(found[1], noise, atol=1e-12)
+    cut = sky.cut(5.0, 0, 20, 30)
+    np.testing.assert_allclose(cut, (level + 5 * noise).reshape(20, 30) + added, atol=1e-5)
+    np.testing.assert_array_equal(sky.cut(5.0, 7, 12, 30), cut[7:12])
+    plain = Pattern(np.zeros((2, 2)), np.zeros(2), (10.0, 15.0))
+    np.testing.assert_allclose(
+        a_sky(plain).cut(5.0, 0, 20, 30), (level + 5 * noise).reshape(20, 30), atol=1e-5
+    )
+    for only in (
+        Pattern(PATTERN.phase, np.zeros(2), (10.0, 15.0)),
+        Pattern(np.zeros((2, 2)), PATTERN.tap, (10.0, 15.0)),
+    ):
+        expected = (level + 5 * noise).reshape(20, 30) + only.at(y, x)
+        np.testing.assert_allclose(a_sky(only).cut(5.0, 0, 20, 30), expected, atol=1e-5)
+
+
+def test_a_flat_sky_is_one_level_and_one_noise():
+    sky = a_sky()
+    assert sky.flat and not a_sky(PATTERN).flat
+    level, noise = sky.at(np.array([3, 4]), np.array([5, 6]))
+    np.testing.assert_array_equal(level, sky.level[0, 0])
+    np.testing.assert_array_equal(noise, sky.noise[0, 0])
+
+
+# The pattern of a sensor
+
+
+def test_a_pattern_is_found_on_a_slope():
+    y, x = np.mgrid[:120, :150]
+    phase = np.array([[1.0, -2.0], [3.0, -2.0]])
+    frame = 50 + 0.03 * y - 0.02 * x + phase[y % 2, x % 2] + 7.0 * (y >= 60) - 4.0 * (x >= 75)
+    found = Pattern.of(frame[::3, ::3], 3, frame.shape, 0.1)
+    np.testing.assert_allclose(found.phase, phase, atol=1e-9)
+    np.testing.assert_allclose(found.tap, [7.0, -4.0], atol=1e-9)
+    assert found.middle == (60.0, 75.0)
+
+
+def test_a_pattern_below_the_least_is_none():
+    y, x = np.mgrid[:40, :50]
+    phase = 0.5 * np.where((y + x) % 2, 1.0, -1.0)
+    for least, told in ((0.99, True), (1.01, False)):
+        assert Pattern.of(phase, 1, phase.shape, least).phase.any() == told
+    tap = 3.0 * (y >= 20)
+    for least, told in ((1.49, True), (1.51, False)):
+        found = Pattern.of(tap, 1, tap.shape, least).tap
+        np.testing.assert_allclose(found, [3.0 * told, 0.0], atol=1e-12)
+
+
+def test_a_jump_needs_eight_samples_on_either_side_and_one_sign_in_both_halves():
+    def jump(first, last, left=2.0, right=2.0):
+        y = np.arange(first + last)[:, None]
+        step = np.where(np.arange(20) < 9, left, right)
+        return _jump(0.25 * y + step * (y >= first), float(first), 9.0)
+
+    assert jump(8, 8) == pytest.approx(2.0)
+    assert jump(7, 9) == jump(9, 7) == 0.0
+    assert jump(10, 10, left=1.0) == pytest.approx(1.0)
+    assert jump(10, 10, right=-0.5) == 0.0
+
+
+# One level, or many
+
+
+@pytest.mark.parametrize(("spread", "flat"), [(0.45, True), (0.55, False)])
+def test_a_sky_is_flat_where_medians_differ_by_less_than_half_its_noise(spread, flat):
+    """Of cells so large that the scatter of their medians is less than that."""
+    sample = np.zeros((120, 120))
+    sample[:60] = spread * 3.0
+    cells = sample.reshape(4, 30, 4, 30).swapaxes(1, 2).reshape(16, -1)
+    assert _is_flat(cells, sample, 3.0, 0.0) == flat
+    checked = np.where(np.add.outer(np.arange(120), np.arange(120)) % 2, spread * 3.0, 0.0)
+    assert _is_flat(np.zeros((16, 900)), checked, 3.0, 0.0) == flat
+
+
+@pytest.mark.parametrize(("share", "flat"), [(0.97, True), (1.03, False)])
+def test_medians_of_few_samples_may_differ_by_five_of_their_errors(share, flat):
+    """6.25 noises over the root of their number: five times 1.25, the error of a median."""
+    cells = np.zeros((16, 36))
+    cells[0] = share * 6.25 * 3.0 / 6.0
+    assert _is_flat(cells, np.zeros((24, 24)), 3.0, 0.0) == flat
+    sample = np.where(np.add.outer(np.arange(12), np.arange(12)) % 2, share * 6.25 * 3.0 / 6.0, 0.0)
+    assert _is_flat(np.zeros((16, 9)), sample, 3.0, 0.0) == flat
+
+
+def test_whole_numbers_may_differ_by_a_step():
+    cells = np.zeros((16, 900))
+    cells[0] = 0.14 + 1.0
+    assert _is_flat(cells, np.zeros((120, 120)), 0.29, 1.0)
+    cells[0] = 0.15 + 1.0
+    assert not _is_flat(cells, np.zeros((120, 120)), 0.29, 1.0)
+
+
+def test_stamps_have_one_level_and_frames_of_a_slope_many():
+    for shape, flat in (((32, 32), True), ((33, 32), False)):
+        frame = np.add.outer(np.zeros(shape[0]), 50.0 * np.arange(shape[1]))
+        frame += np.random.default_rng(3).normal(0.0, 1.0, shape)
+        assert sky_of(frame, float(frame.max()), 8.0).flat == flat
+
+
+@pytest.mark.parametrize(("pixels", "crowded"), [(1224, False), (1236, True)])
+def test_a_frame_is_crowded_where_six_tenths_of_it_are_bright(monkeypatch, pixels, crowded):
+    """Of 2050 pixels; a stamp of 1024 may be filled by one spot."""
+    ends = np.array([0.0, 1.0])
+    dark = Sky(np.zeros((2, 2)), np.ones((2, 2)), ends, ends, FLAT)
+    monkeypatch.setattr("losbench.imaging.finder.sky_of", lambda *_: dark)
+    frame = np.zeros((41, 50))
+    frame.ravel()[:pixels] = 20.0
+    if crowded:
+        with pytest.raises(ValueError, match=f"{pixels} of 2050 pixels stand out at threshold 8"):
+            lb.find_spots(frame)
+    else:
+        assert len(lb.find_spots(frame)) == 1
+    assert len(lb.find_spots(np.full((32, 32), 20.0))) == 1
+    with pytest.raises(ValueError, match="1056 of 1056 pixels"):
+        lb.find_spots(np.full((33, 32), 20.0))
