@@ -23,10 +23,7 @@ _NOISELESS = 1e-6  # of the peak
 
 def sky_of(pixels: NDArray[Any], peak: float, threshold: float) -> Sky:
     """Level and noise of a frame (rows, columns) without NaN, whose highest reading is ``peak``."""
-    step = max(1, round(np.sqrt(pixels.size / _SAMPLES)))
-    # Odd and no multiple of three, so that a pattern of the sensor is seen in all its phases.
-    step += step > 1 and step % 2 == 0
-    step += 2 * (step > 1 and step % 3 == 0)
+    step = _stride(pixels.size)
     sample = pixels[::step, ::step].astype(np.float64)
     digit = digit_step(sample)
     most = 0.5 if pixels.size <= _STAMP else 0.75
@@ -44,6 +41,17 @@ def sky_of(pixels: NDArray[Any], peak: float, threshold: float) -> Sky:
     if _is_flat(cells, sample, max(local, least), digit):
         return flat
     return mesh(pixels, digit, max(local, least), least)
+
+
+def _stride(size: int) -> int:
+    """Every how many rows and columns of so many pixels are sampled.
+
+    Odd and no multiple of three, so that a pattern of the sensor is seen in all its phases.
+    """
+    step = max(1, round(np.sqrt(size / _SAMPLES)))
+    while step % 2 == 0 or step % 3 == 0:
+        step += 1
+    return step
 
 
 def _least_noise(digit: float, height: float, threshold: float) -> float:

@@ -80,7 +80,7 @@ def _slopes(tiles: Floats) -> Floats:
             np.median(np.take(tiles, part, axis=axis), axis=(2, 3))
             for part in (np.arange(half), np.arange(tiles.shape[axis] - half, tiles.shape[axis]))
         )
-        slopes.append((last - first) / max(tiles.shape[axis] - half, 1))
+        slopes.append((last - first) / (tiles.shape[axis] - half))
     return np.stack(slopes, axis=-1)
 
 

@@ -1,6 +1,9 @@
 """Peaks that part or join, crumbs, tiles and the pattern of a sensor, against loops and closed
 forms."""
 
+import inspect
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -8,9 +11,10 @@ from scipy.interpolate import RegularGridInterpolator
 
 import losbench as lb
 from losbench.imaging.basins import Basins, _neighbours, group, without_crumbs
-from losbench.imaging.levels import _is_flat, sky_of
+from losbench.imaging.levels import _is_flat, _stride, sky_of
 from losbench.imaging.mesh import _slopes, _smooth_tiles, _starts, _surface, _to_the_ends, mesh
 from losbench.imaging.pattern import FLAT, Pattern, _jump
+from losbench.imaging.ranks import level_and_noise
 from losbench.imaging.sky import Sky
 
 # Basins
@@ -335,6 +339,74 @@ def test_stamps_have_one_level_and_frames_of_a_slope_many():
         frame = np.add.outer(np.zeros(shape[0]), 50.0 * np.arange(shape[1]))
         frame += np.random.default_rng(3).normal(0.0, 1.0, shape)
         assert sky_of(frame, float(frame.max()), 8.0).flat == flat
+
+
+@pytest.mark.parametrize(("size", "step"), [(4600, 1), (4700, 5), (51_000, 5), (62_000, 7)])
+def test_some_two_thousand_pixels_are_looked_at_in_all_phases(size, step):
+    assert _stride(size) == step
+    for wanted in range(1, 60):
+        found = _stride(2048 * wanted**2)
+        assert found % 2 and found % 3 and wanted <= found <= wanted + 3
+
+
+@pytest.mark.parametrize(("shape", "most"), [((32, 32), 0.5), ((40, 45), 0.75)])
+def test_spots_may_fill_half_of_a_stamp_and_a_quarter_of_a_frame(shape, most):
+    """Only the ranks below tell level and noise."""
+    values = np.random.default_rng(5).normal(20.0, 3.0, shape)
+    order = np.argsort(values, axis=None)
+
+    def told(rank=None):
+        moved = values.copy()
+        if rank is not None:
+            moved.ravel()[order[int(rank * moved.size)]] += 1e-3
+        sky = sky_of(moved, 40.0, 8.0)
+        assert sky.flat
+        return sky.level[0, 0], sky.noise[0, 0]
+
+    for rank, counts in ((0.04, False), (0.06, True), (most - 0.02, True), (most + 0.02, False)):
+        assert (told(rank) != told()) == counts, rank
+
+
+def test_each_row_of_samples_is_told_as_if_it_were_alone():
+    """A row that is clipped beside one that is hardly, and one with few ranks beside one with
+    many."""
+    rng = np.random.default_rng(6)
+    rows = rng.normal([[0.3], [1.6], [20.0]], 1.0, (3, 400)).clip(0.0)
+    black = rows <= 0.0
+    assert black.mean(axis=1)[1] < 0.08 < black.mean(axis=1)[0]
+    together = level_and_noise(rows, 0.0, black)
+    alone = [
+        level_and_noise(row[None], 0.0, dark[None]) for row, dark in zip(rows, black, strict=True)
+    ]
+    np.testing.assert_allclose(np.array(together), np.concatenate(alone, axis=1), rtol=1e-12)
+    np.testing.assert_allclose(together[0], [0.3, 1.6, 20.0], atol=0.25)
+
+
+def test_noise_that_falls_towards_the_border_stays_half_of_the_least():
+    x = np.arange(300)
+    rising = np.maximum(1.0, (x - 60.0) / 2.0)
+    frame = np.random.default_rng(7).standard_normal((300, 300)) * rising + 1000.0
+    sky = mesh(frame, 0.0, 1.0, 0.1)
+    least = sky.noise[1:-1, 1:-1].min()
+    assert sky.noise[:, 0].min() == pytest.approx(0.5 * least)
+
+
+@pytest.mark.parametrize(("saddle", "spots"), [(12.0, 2), (13.0, 1)])
+def test_dips_and_noise_are_compared_after_a_mean_of_nine_pixels(monkeypatch, saddle, spots):
+    """The fainter peak of 20 and a noise of 5 leave 12.5."""
+    ends = np.array([0.0, 1.0])
+    dark = Sky(np.zeros((2, 2)), np.full((2, 2), 5.0), ends, ends, FLAT)
+    monkeypatch.setattr("losbench.imaging.finder.sky_of", lambda *_: dark)
+    profile = np.repeat([0.0, 30.0, saddle, 20.0, 0.0], [9, 3, 3, 3, 12])
+    frame = np.zeros((40, 30))
+    frame[15:26] = profile
+    assert len(lb.find_spots(frame, threshold=1.0)) == spots
+
+
+def test_the_call_and_the_choice_have_the_same_defaults():
+    words = inspect.signature(lb.find_spots).parameters
+    for field in fields(lb.Find):
+        assert words[field.name].default == field.default
 
 
 @pytest.mark.parametrize(("pixels", "crowded"), [(1224, False), (1236, True)])
