@@ -16,6 +16,7 @@ LOCK_FLAGS := --quiet --generate-hashes --no-header --no-annotate --universal --
 	--no-emit-find-links --python-version 3.11
 LOCK_EXTRAS := --extra fits --extra hdf5 --extra tiff --extra data --extra cluster --extra docs --extra test --extra lint --extra mutants --extra browser
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+FOR_TEACHERS := notebooks/solutions tests/workbench/test_exercises.py tests/workbench/test_marking.py docs/class.md
 SEED ?= 10
 COUNT ?= 200
 
@@ -41,6 +42,11 @@ test-floor: $(FLOOR_READY)  ## run the library's tests with the oldest packages 
 
 mutants: $(READY)  ## change one line at a time, and see whether a test notices (SEED=10 COUNT=200)
 	$(ONE_THREAD) $(RUN)/python benchmarks/mutants.py --seed $(SEED) --count $(COUNT)
+
+class:  ## an archive for students, without the solutions: dist/losbench-class.zip
+	@mkdir -p dist
+	git archive --format=zip --prefix=losbench/ --output=dist/losbench-class.zip HEAD -- . $(foreach path,$(FOR_TEACHERS),':(exclude)$(path)')
+	@echo "dist/losbench-class.zip: the last commit without $(FOR_TEACHERS)"
 
 lab: $(READY)  ## open the notebooks in JupyterLab
 	$(RUN)/jupyter lab notebooks

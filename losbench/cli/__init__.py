@@ -1,5 +1,5 @@
 """The command line: ``losbench reproduce | site | measure | simulate | drift | identify | metrics |
-budget | ledger | claim``.
+budget | ledger | claim | exercises``.
 
 Exit codes: 0 done; 1 a notebook failed, or a verdict is not the accepted one; 2 wrong arguments or
 unusable input, said in one line; 130 interrupted; 141 whoever reads the output has gone. A defect
@@ -20,6 +20,7 @@ from losbench.__about__ import __version__
 from losbench.cli import (
     budget,
     drift,
+    exercises,
     identify,
     ledger,
     measure,
@@ -107,7 +108,18 @@ def _parser() -> argparse.ArgumentParser:
     quiet.add_argument(
         "--debug", action="store_true", help="show where an error comes from, with its traceback"
     )
-    for command in (reproduce, site, measure, simulate, drift, identify, metrics, budget, ledger):
+    for command in (
+        reproduce,
+        site,
+        measure,
+        simulate,
+        drift,
+        identify,
+        metrics,
+        budget,
+        ledger,
+        exercises,
+    ):
         command.add(commands, quiet)
     ledger.add_claim(commands, quiet)
     return parser

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import losbench as lb
 from losbench.resources import notebook_folder
@@ -16,7 +17,7 @@ SOLUTIONS = json.loads(
     (notebook_folder() / "solutions" / "21-solutions.ipynb").read_text(encoding="utf-8")
 )
 STUDENTS = json.loads((notebook_folder() / "21-exercises.ipynb").read_text(encoding="utf-8"))
-COUNT = 14
+COUNT = 17
 
 
 def judgements(notebook, seed):
@@ -126,6 +127,67 @@ def wrong_answers(check):
         yield 14, np.zeros((150, 2), dtype=bool), "missing"
         yield 14, np.zeros((2, 150), dtype=bool), "form"
         yield 14, [(f, s) for f in range(150) for s in (0, 1)][:40], "missing|So many"
+        reach = np.hypot(d[15].u, d[15].v)
+        yield 15, np.argsort(-reach)[:8], "turn while"
+        yield 15, np.argsort(reach)[:8], "move most in a roll"
+        yield 15, range(7), "Eight different"
+        yield 15, [0] * 8, "Eight different"
+        yield 15, range(8, 16), "form"
+        held, factor = interval(d[16])
+        yield 16, (0.95, factor), "promises"
+        yield 16, (0.5 * held, factor), "Is yours of the slope"
+        yield 16, (held, 1.96 * factor), "number of sigmas"
+        yield 16, (held, 1.0), "95 of 100"
+        yield 16, held, "form"
+        passed, frames = power(d[17])
+        yield 17, (1.0 - passed, frames), "let it pass"
+        yield 17, (0.5, frames), "which standard deviation"
+        yield 17, (passed, 0.5 * frames), "without a bias"
+        yield 17, (passed, 2.0 * frames), "Fewer frames"
+
+
+def interval(d):
+    """Coverage of the drifts' intervals and what they lack, by counting."""
+    fit = lb.lstsq(d.A, d.y)
+    pull = np.sort(np.abs(fit.x[:, 1] - d.slope) / fit.std_error[:, 1])
+    return np.searchsorted(pull, 1.96) / len(pull), pull[round(0.95 * len(pull))] / 1.96
+
+
+def power(d):
+    """How often a biased method passes, by scipy's distribution, and the frames by trying."""
+    error = norm(d.bias, d.sigma / np.sqrt(d.frames))
+    frames = 1
+    while norm.cdf(d.tolerance * np.sqrt(frames) / d.sigma) < 0.975:
+        frames += 1
+    return error.cdf(d.tolerance) - error.cdf(-d.tolerance), frames
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_interval_that_lies_and_a_verdict_without_power_are_found_by_counting_too(seed):
+    check = Exercises(seed=seed)
+    assert check.ex16(interval(check.data(16))).right
+    assert interval(check.data(16))[0] < 0.8
+    passed, frames = power(check.data(17))
+    assert check.ex17((passed, frames)).right
+    assert passed > 0.02
+    assert frames > check.data(17).frames
+
+
+@pytest.mark.parametrize(
+    "loss",
+    [lb.Huber(1.2), lb.tuned(lb.Cauchy(), 0.92), lb.tuned(lb.Welsch(), 0.92)],
+    ids=lambda loss: type(loss).__name__,
+)
+def test_a_loss_that_is_the_library_s_is_refused_under_any_name(loss):
+    class Mine:
+        def weights(self, u):
+            return loss.weights(np.asarray(u))
+
+    for answer, said in ((loss, "losbench's"), (Mine(), "with the constant")):
+        text = Exercises().ex12(answer).text
+        assert text.startswith("ex12: not yet. That is")
+        assert type(loss).__name__ in text
+        assert said in text
 
 
 @pytest.mark.parametrize("seed", [1, 5, 77])
@@ -196,10 +258,10 @@ def test_data_differ_by_seed_and_repeat():
 
 def test_names_and_seeds_are_checked():
     check = Exercises()
-    assert {"ex01", "ex14", "data"} <= set(dir(check))
-    with pytest.raises(AttributeError, match="no exercise 'ex15'; they are ex01 to ex14"):
-        _ = check.ex15
-    with pytest.raises(ValueError, match="number must be a whole number from 1 to 14, got 0"):
+    assert {"ex01", "ex17", "data"} <= set(dir(check))
+    with pytest.raises(AttributeError, match="no exercise 'ex18'; they are ex01 to ex17"):
+        _ = check.ex18
+    with pytest.raises(ValueError, match="number must be a whole number from 1 to 17, got 0"):
         check.data(0)
     with pytest.raises(ValueError, match="seed must be a whole number of at least 0, got -1"):
         Exercises(seed=-1)

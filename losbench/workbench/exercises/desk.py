@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from losbench.checks import integer
-from losbench.workbench.exercises import basics, projects
+from losbench.workbench.exercises import basics, honesty, projects
 
-__all__ = ["Exercises", "Judgement", "student_copy"]
+__all__ = ["EXERCISES", "Exercises", "Judgement", "student_copy"]
 
 Draw = Callable[[np.random.Generator], SimpleNamespace]
 Judge = Callable[[SimpleNamespace, Any], str]
@@ -54,7 +54,7 @@ class Exercises:
 
     def data(self, number: int) -> SimpleNamespace:
         """Return the data of an exercise; the same ones whenever they are asked for."""
-        which = integer("number", number, low=1, high=len(_EXERCISES))
+        which = integer("number", number, low=1, high=len(EXERCISES))
         drawn = vars(self._drawn(which)).items()
         return SimpleNamespace(
             **{name: value for name, value in drawn if not name.startswith("hidden_")}
@@ -62,23 +62,23 @@ class Exercises:
 
     def __getattr__(self, name: str) -> Callable[[Any], Judgement]:
         """Find the check of an exercise: ``check.ex05(answer)``."""
-        if name[:2] == "ex" and name[2:].isdigit() and int(name[2:]) in _EXERCISES:
+        if name[:2] == "ex" and name[2:].isdigit() and int(name[2:]) in EXERCISES:
             return partial(self._judge, int(name[2:]))
-        raise AttributeError(f"no exercise {name!r}; they are ex01 to ex{len(_EXERCISES):02d}")
+        raise AttributeError(f"no exercise {name!r}; they are ex01 to ex{len(EXERCISES):02d}")
 
     def __dir__(self) -> list[str]:
         """List the checks too, for those who press Tab."""
-        return [*super().__dir__(), *(f"ex{number:02d}" for number in _EXERCISES)]
+        return [*super().__dir__(), *(f"ex{number:02d}" for number in EXERCISES)]
 
     def _drawn(self, number: int) -> SimpleNamespace:
-        return _EXERCISES[number][0](np.random.default_rng([self.seed, number]))
+        return EXERCISES[number][0](np.random.default_rng([self.seed, number]))
 
     def _judge(self, number: int, answer: Any) -> Judgement:
         name = f"ex{number:02d}"
         if answer is ...:
             return Judgement(False, f"{name}: not answered yet.")
         try:
-            hint = _EXERCISES[number][1](self._drawn(number), answer)
+            hint = EXERCISES[number][1](self._drawn(number), answer)
         except (TypeError, ValueError, AttributeError) as problem:
             hint = f"The answer has not the form asked for ({problem})."
         return Judgement(not hint, f"{name}: not yet. {hint}" if hint else f"{name}: right.")
@@ -104,7 +104,7 @@ def student_copy(solutions: Mapping[str, Any]) -> dict[str, Any]:
     return {**solutions, "cells": cells}
 
 
-_EXERCISES: dict[int, tuple[Draw, Judge]] = {
+EXERCISES: dict[int, tuple[Draw, Judge]] = {
     1: (basics.data_01, basics.judge_01),
     2: (basics.data_02, basics.judge_02),
     3: (basics.data_03, basics.judge_03),
@@ -119,4 +119,7 @@ _EXERCISES: dict[int, tuple[Draw, Judge]] = {
     12: (projects.data_12, projects.judge_12),
     13: (projects.data_13, projects.judge_13),
     14: (projects.data_14, projects.judge_14),
+    15: (honesty.data_15, honesty.judge_15),
+    16: (honesty.data_16, honesty.judge_16),
+    17: (honesty.data_17, honesty.judge_17),
 }

@@ -12,7 +12,7 @@ from losbench.arrays import Floats
 from losbench.checks import integer, shaped
 from losbench.estimation.breakdown import deletion_residuals
 from losbench.estimation.influence import efficiency, gross_error_sensitivity
-from losbench.estimation.losses import Bisquare
+from losbench.estimation.losses import Bisquare, Cauchy, Huber, Welsch
 from losbench.estimation.robust import irls, lstsq
 from losbench.optics.camera import design_matrix
 from losbench.workbench.exercises.basics import close
@@ -133,6 +133,31 @@ def judge_12(d: SimpleNamespace, answer: Any) -> str:
             f"One wild value moves it by {most:.2f} scales / n. Where is the pull u w(u) the "
             "largest?"
         )
+    owner = _library_s(d.u, weights, answer)
+    return f"That is {owner}: the library has it. Which loss is your own?" if owner else ""
+
+
+def _library_s(u: Floats, weights: Floats, answer: Any) -> str:
+    """Name the loss of a library that an answer is, under whatever name; else nothing.
+
+    Where a weight lies between 0 and 1 it tells what the constant would be.
+    """
+    kind = type(answer)
+    if kind.__module__.partition(".")[0] in ("losbench", "statsmodels"):
+        return f"{kind.__module__.partition('.')[0]}'s {kind.__name__}"
+    between = (u > 0.0) & (weights > 0.05) & (weights < 0.95)
+    if not between.any():
+        return ""
+    at, w = u[between][0], weights[between][0]
+    same: dict[str, Huber | Bisquare | Cauchy | Welsch] = {
+        "Huber": Huber(at * w),
+        "Bisquare": Bisquare(at / np.sqrt(1.0 - np.sqrt(w))),
+        "Cauchy": Cauchy(at * np.sqrt(w / (1.0 - w))),
+        "Welsch": Welsch(at / np.sqrt(-np.log(w))),
+    }
+    for name, loss in same.items():
+        if np.allclose(loss.weights(u), weights, atol=1e-6):
+            return f"{name}'s loss with the constant {loss.c:.3f}"
     return ""
 
 
