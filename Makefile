@@ -16,7 +16,7 @@ LOCK_FLAGS := --quiet --generate-hashes --no-header --no-annotate --universal --
 	--no-emit-find-links --python-version 3.11
 LOCK_EXTRAS := --extra fits --extra hdf5 --extra tiff --extra data --extra cluster --extra docs --extra test --extra lint --extra mutants --extra browser
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
-FOR_TEACHERS := notebooks/solutions tests/workbench/test_exercises.py tests/workbench/test_marking.py docs/class.md
+FOR_TEACHERS := notebooks/solutions tests/workbench/test_exercises.py tests/workbench/test_marking.py
 SEED ?= 10
 COUNT ?= 200
 
