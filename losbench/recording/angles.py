@@ -50,8 +50,7 @@ class Angles:
     exact: bool = False
 
     def __post_init__(self) -> None:
-        if self.solver is not None and self.solver != "auto":
-            read_solver(self.solver, None, named={"auto": IRLS(), **SOLVERS}, default="auto")
+        read_solver(self.solver, None, named={"auto": IRLS(), **SOLVERS}, default="auto")
         choice("model", self.model, ("pinhole", "paper"))
         boolean("exact", self.exact)
 

@@ -1,0 +1,270 @@
+"""TIFF, video, images and pixel files as other programs write them, and their limits from either
+side."""
+
+import struct
+import zlib
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.recording.frames.tiff import _directories, _segments
+from losbench.recording.frames.video import _count, open_video
+
+fits = pytest.importorskip("astropy.io.fits")
+RNG = np.random.default_rng(17)
+GREY = RNG.integers(0, 250, (3, 40, 48))
+COLOURS = RNG.integers(0, 250, (40, 48, 4))
+
+
+def read(path, **options):
+    frames = lb.open_frames(path, **options)
+    return frames.read(0, frames.n_frames)
+
+
+# TIFF as tifffile writes it
+
+
+def written(path, data, **options):
+    tifffile, _ = pytest.importorskip("tifffile"), pytest.importorskip("imagecodecs")
+    options = {"photometric": "minisblack"} | options
+    tifffile.imwrite(path, data, metadata=None, **options)
+    return path
+
+
+@pytest.mark.parametrize("compression", [None, "lzw", "zlib"])
+@pytest.mark.parametrize("layout", [{"rowsperstrip": 7}, {"tile": (16, 32)}])
+@pytest.mark.parametrize("byteorder", ["<", ">"])
+@pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
+def test_grey_pages_come_back_however_they_are_stored(
+    tmp_path, compression, layout, byteorder, dtype
+):
+    data = GREY.astype(dtype)
+    how = {"compression": compression, "byteorder": byteorder, **layout}
+    np.testing.assert_array_equal(read(written(tmp_path / "a.tif", data, **how)), GREY)
+    if compression and dtype != "f4":
+        np.testing.assert_array_equal(
+            read(written(tmp_path / "b.tif", data, predictor=True, **how)), GREY
+        )
+
+
+@pytest.mark.parametrize("compression", [None, "lzw"])
+@pytest.mark.parametrize("dtype", ["u1", "u2"])
+@pytest.mark.parametrize("samples", [3, 4])
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+def test_channels_of_tiff_keep_their_order(tmp_path, compression, dtype, samples, planar):
+    data = COLOURS[..., :samples].astype(dtype)
+    stored = data if planar == "contig" else np.moveaxis(data, -1, 0)
+    path = written(
+        tmp_path / "a.tif",
+        stored,
+        photometric="rgb",
+        planarconfig=planar,
+        compression=compression,
+        extrasamples=["unassalpha"] * (samples - 3),
+        rowsperstrip=9,
+    )
+    for k in range(samples):
+        np.testing.assert_array_equal(read(path, channel=k)[0], data[..., k])
+
+
+def page_of(begins, counts, data):
+    """What `_segments` asks of a page."""
+    reads = []
+
+    def seek(place):
+        reads.append(place)
+
+    def read_on(n):
+        return data[reads[-1] : reads[-1] + n]
+
+    handle = SimpleNamespace(seek=seek, read=read_on)
+    parent = SimpleNamespace(filehandle=handle)
+    return SimpleNamespace(parent=parent, dataoffsets=begins, databytecounts=counts), reads
+
+
+@pytest.mark.parametrize(("last", "seeks"), [(160, 1), (161, 3)])
+def test_strips_are_read_at_once_where_they_fill_half_of_what_lies_between(last, seeks):
+    data = bytes(range(256))
+    begins, counts = (50, 80, last), (20, 30, 10)
+    page, reads = page_of(begins, counts, data)
+    whole, places = _segments(page)
+    assert len(reads) == seeks
+    for begin, count, place in zip(begins, counts, places, strict=True):
+        at = place - 8
+        assert whole[at : at + count] == data[begin : begin + count]
+    assert len(whole) == (120 if seeks == 1 else 60)
+
+
+def test_strips_that_lie_far_apart_are_one_image(tmp_path):
+    """A file of LZW strips, each moved away from the next."""
+    path = written(tmp_path / "a.tif", GREY[0].astype("u2"), compression="lzw", rowsperstrip=8)
+    tifffile = pytest.importorskip("tifffile")
+    with tifffile.TiffFile(path) as file:
+        page = file.pages[0]
+        begins, counts = list(page.dataoffsets), list(page.databytecounts)
+        tag = page.tags[273]
+    out = bytearray(path.read_bytes())
+    moved = []
+    for begin, count in zip(begins, counts, strict=True):
+        out += bytes(5000)
+        moved.append(len(out))
+        out += out[begin : begin + count]
+    lists = len(out)
+    out += struct.pack(f"<{len(moved)}I", *moved)
+    out[tag.offset : tag.offset + 12] = struct.pack("<HHII", 273, 4, len(moved), lists)
+    (tmp_path / "b.tif").write_bytes(bytes(out))
+    np.testing.assert_array_equal(read(tmp_path / "b.tif")[0], GREY[0])
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_smaller_copies_are_left_out_and_a_chain_that_returns_ends(tmp_path, big):
+    tifffile = pytest.importorskip("tifffile")
+    with tifffile.TiffWriter(tmp_path / "a.tif", bigtiff=big) as file:
+        for k, kind in enumerate((0, 1, 0, 1, 0)):
+            size = slice(None, None, 2 if kind else 1)
+            file.write(
+                GREY[k // 2, size, size].astype("u2"),
+                subfiletype=kind,
+                metadata=None,
+                photometric="minisblack",
+            )
+    chain = _directories(tmp_path / "a.tif")
+    assert (len(chain.places), chain.whole, chain.reduced) == (3, True, 2)
+    np.testing.assert_array_equal(read(tmp_path / "a.tif"), GREY)
+    said = "a.tif holds 2 smaller copies of pages: they are left out."
+    assert said in lb.open_frames(tmp_path / "a.tif").notes
+
+
+def test_white_as_zero_is_turned_in_every_page_or_in_none(tmp_path):
+    path = written(tmp_path / "a.tif", GREY.astype("u2"), photometric="miniswhite")
+    np.testing.assert_array_equal(read(path), 65535 - GREY)
+    assert lb.open_frames(path).notes[0] == "In a.tif zero is white: its numbers are turned."
+    tifffile = pytest.importorskip("tifffile")
+    with tifffile.TiffWriter(tmp_path / "b.tif") as file:
+        for frame, photometric in zip(
+            GREY, ("minisblack", "minisblack", "miniswhite"), strict=True
+        ):
+            file.write(frame.astype("u2"), photometric=photometric, metadata=None)
+    with pytest.raises(lb.UnreadableFrame, match="page 2 of b.tif turns black and white"):
+        read(tmp_path / "b.tif")
+
+
+# Video
+
+
+class Capture:
+    """What OpenCV says of a video that holds so many frames."""
+
+    def __init__(self, held, said, rate=25.0):
+        self.held, self.at = held, 0
+        self.of = {cv2.CAP_PROP_FRAME_COUNT: said, cv2.CAP_PROP_FPS: rate}
+
+    def isOpened(self):
+        return True
+
+    def get(self, what):
+        return self.of.get(what, 4)
+
+    def set(self, what, k):
+        self.at = k
+
+    def grab(self):
+        self.at += 1
+        return self.at <= self.held
+
+
+@pytest.mark.parametrize("said", [-1, 0, 3, 4, 5, 6, 50, 1e300])
+def test_frames_are_counted_where_the_container_guesses(tmp_path, said):
+    (tmp_path / "a.avi").write_bytes(bytes(40))
+    capture = Capture(5, said)
+    assert _count(capture, tmp_path / "a.avi") == 5
+    assert capture.at == 0
+
+
+@pytest.mark.parametrize(
+    ("rate", "timed"), [(0.0, False), (1e-3, True), (0.99e6, True), (1e6, False), (np.nan, False)]
+)
+def test_a_rate_below_a_megahertz_gives_times(tmp_path, monkeypatch, rate, timed):
+    (tmp_path / "a.avi").write_bytes(bytes(40))
+    monkeypatch.setattr(
+        "losbench.recording.frames.video.opened", lambda *_: Capture(5, 5, rate=rate)
+    )
+    found = open_video(tmp_path / "a.avi")
+    assert (found.time_s is not None) == timed == bool(found.notes)
+    if timed:
+        np.testing.assert_allclose(found.time_s, np.arange(5) / rate)
+
+
+def test_colours_of_a_video_are_red_first(tmp_path):
+    path = str(tmp_path / "a.avi")
+    out = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"MJPG"), 25, (64, 48), isColor=True)
+    if not out.isOpened():
+        pytest.skip("this OpenCV writes no MJPG")
+    for _ in range(3):
+        out.write(np.full((48, 64, 3), (20, 90, 200), np.uint8))  # blue first
+    out.release()
+    for channel, value in (("red", 200), ("green", 90), ("blue", 20)):
+        assert np.abs(read(path, channel=channel).astype(int) - value).max() <= 12
+
+
+# Images
+
+
+def test_a_header_may_claim_what_pillow_calls_no_bomb(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    chunk = b"IHDR" + struct.pack(">IIBBBBB", 400_000, 400_000, 8, 0, 0, 0, 0)
+    whole = struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    whole += struct.pack(">I", 0) + b"IDAT" + struct.pack(">I", zlib.crc32(b"IDAT"))
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + whole)
+    most = f"{2 * image.MAX_IMAGE_PIXELS:_}"
+    with pytest.raises(lb.UnreadableFrame, match=f"its header claims more than {most} pixels"):
+        lb.open_frames(tmp_path / "a.png")
+
+
+# Pixel files, and masks beside images
+
+
+def pixel_file(path, quality, corner):
+    n = len(quality)
+    columns = [
+        fits.Column("TIME", "D", array=np.arange(n) / 86400),
+        fits.Column("FLUX", "20E", dim="(5,4)", array=np.ones((n, 4, 5))),
+        fits.Column("QUALITY", "J", array=quality),
+    ]
+    table = fits.BinTableHDU.from_columns(columns)
+    table.header["1CRV5P"], table.header["2CRV5P"] = corner
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
+
+
+def test_a_frame_that_one_of_two_files_marks_is_counted_once(tmp_path):
+    pixel_file(tmp_path / "a.fits", [0, 1, 4, 0, 0, 0], (100, 200))
+    pixel_file(tmp_path / "b.fits", [0, 0, 8, 1, 0, 0], (300, 200))
+    recording = lb.read_recording(tmp_path)
+    assert recording.notes[0].startswith("3 of 6 frames have a QUALITY that is not zero")
+    kept = [stamp.read(0, 6, skip=False).good.tolist() for stamp in recording.stamps]
+    assert kept == [
+        [True, False, False, True, True, True],
+        [True, True, False, False, True, True],
+    ]
+
+
+@pytest.mark.parametrize(("images", "masks"), [(1, 1), (3, 3), (3, 1), (3, 2)])
+def test_masks_belong_to_their_images_where_there_are_as_many(tmp_path, images, masks):
+    frames = RNG.integers(1, 900, (images, 20, 30)).astype("i2")
+    flags = np.zeros((masks, 20, 30), "i2")
+    for k in range(masks):
+        flags[k, 2 + k, 5] = 1
+    hdus = [fits.PrimaryHDU(), *(fits.ImageHDU(frame, name="SCI") for frame in frames)]
+    hdus += [fits.ImageHDU(mask, name="DQ") for mask in flags]
+    fits.HDUList(hdus).writeto(tmp_path / "a.fits")
+    recording = lb.read_recording(tmp_path / "a.fits")
+    stack = recording.stamps[0].read(0, images, skip=False).frames
+    expected = np.zeros((images, 20, 30), bool)
+    if images == masks:
+        expected[:] = flags != 0
+    else:
+        expected[:] = flags[0] != 0
+    np.testing.assert_array_equal(np.isnan(stack), expected)
