@@ -6,6 +6,7 @@ import zlib
 from types import SimpleNamespace
 
 import cv2
+import files_of_frames as write
 import numpy as np
 import pytest
 
@@ -222,6 +223,56 @@ def test_a_header_may_claim_what_pillow_calls_no_bomb(tmp_path):
     most = f"{2 * image.MAX_IMAGE_PIXELS:_}"
     with pytest.raises(lb.UnreadableFrame, match=f"its header claims more than {most} pixels"):
         lb.open_frames(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(
+    ("colour", "side", "more"), [(0, (8192, 8192), (8192, 8193)), (2, (2896, 2896), (2897, 2897))]
+)
+def test_a_header_may_claim_64_mebibytes_of_a_byte_a_pixel_or_eight(tmp_path, colour, side, more):
+    """Eight for all that is not grey of eight bits: four channels of sixteen."""
+    for (rows, columns), believed in ((side, True), (more, False), (more[::-1], False)):
+        chunk = b"IHDR" + struct.pack(">IIBBBBB", columns, rows, 8, colour, 0, 0, 0)
+        whole = struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+        whole += struct.pack(">I", 0) + b"IDAT" + struct.pack(">I", zlib.crc32(b"IDAT"))
+        (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + whole)
+        said = "not an image, or cut short" if believed else "cannot hold"
+        with pytest.raises(lb.UnreadableFrame, match=said):
+            lb.open_frames(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(("size", "believed"), [((4096, 5461), True), ((4096, 5462), False)])
+def test_a_video_may_claim_64_mebibytes_of_three_channels(tmp_path, monkeypatch, size, believed):
+    (tmp_path / "a.avi").write_bytes(bytes(40))
+    for width, height in (size, size[::-1]):
+        capture = Capture(5, 5)
+        capture.of |= {cv2.CAP_PROP_FRAME_WIDTH: width, cv2.CAP_PROP_FRAME_HEIGHT: height}
+        monkeypatch.setattr("losbench.recording.frames.video.opened", lambda *_, of=capture: of)
+        if believed:
+            assert open_video(tmp_path / "a.avi").source.n_frames == 5
+        else:
+            with pytest.raises(lb.UnreadableFrame, match="cannot hold"):
+                open_video(tmp_path / "a.avi")
+
+
+def test_a_file_of_a_folder_has_one_page(tmp_path):
+    for k in range(3):
+        write.tiff16(tmp_path / f"a-{k}.tif", GREY[k : k + 1])
+    np.testing.assert_array_equal(read(tmp_path), GREY)
+    write.tiff16(tmp_path / "a-2.tif", GREY[:2])
+    with pytest.raises(
+        lb.UnreadableFrame, match=r"a-2.tif must be one image as the first file, but"
+    ):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("lost", [0, 1, 4, 40])
+def test_a_page_is_there_if_its_directory_is_whole(tmp_path, lost, big):
+    path = write.tiff16(tmp_path / "a.tif", GREY, big=big)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) - lost])
+    chain = _directories(path)
+    assert (len(chain.places), chain.whole) == ((3, True) if not lost else (2, False))
 
 
 # Pixel files, and masks beside images

@@ -1,6 +1,7 @@
 """Numbers of a measurement's own steps, from either side: where spots may stand, which frame is the
 reference, how far they may wander, what a report counts."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -8,7 +9,7 @@ import losbench as lb
 from losbench.recording.follow import measured
 from losbench.recording.reference import Reference, shifts_from
 from losbench.recording.starts import check_shape, first_places
-from losbench.recording.survey import Survey, places_side_by_side, side_by_side
+from losbench.recording.survey import Survey, places_side_by_side, side_by_side, survey
 from losbench.recording.track import Track
 
 RNG = np.random.default_rng(23)
@@ -40,6 +41,14 @@ def test_a_spot_may_stand_as_far_as_pixels_reach(spot, inside):
     else:
         with pytest.raises(ValueError, match="spots must lie inside the 40x50 frame"):
             first_places(recording, [spot])
+
+
+def test_spots_are_given_on_the_detector_and_stand_in_the_region():
+    part = recording_of(np.zeros((2, 40, 50), np.uint16), roi=(5, 6, 20, 10))
+    np.testing.assert_array_equal(first_places(part, [(15.0, 12.0)])[0], [(10.0, 6.0)])
+    for outside in ((4.0, 12.0), (15.0, 5.0), (25.0, 12.0), (15.0, 16.0)):
+        with pytest.raises(ValueError, match="spots must lie inside the 10x20 frame"):
+            first_places(part, [outside])
 
 
 def test_a_camera_has_the_shape_of_the_whole_frame():
@@ -144,7 +153,38 @@ def test_squares_side_by_side_show_what_stood_around_each_spot():
     assert np.isnan(at[0, 2]).all()
 
 
+@pytest.mark.parametrize(
+    ("n", "nodes"), [(1, 1), (40, 40), (64, 64), (4033, 64), (4034, 65), (4097, 65), (4098, 66)]
+)
+def test_64_frames_are_looked_at_or_every_64th(n, nodes):
+    one = lb.render_spots([[12.0, 11.0]], 4e4, 1.5, (24, 26)).round().astype(np.uint16)
+    recording = recording_of(np.broadcast_to(one, (n, 24, 26)))
+    stamp = recording.stamps[0]
+    seen = survey(recording, stamp, np.array([[12.0, 11.0]]), lb.EIWA(9), lb.Ring())
+    assert len(seen.frames) == nodes
+    assert seen.frames[0] == 0 and seen.frames[-1] == n - 1
+    np.testing.assert_allclose(seen.path, np.tile([12.0, 11.0], (nodes, 1, 1)), atol=0.01)
+
+
 # Following
+
+
+def test_frames_that_cannot_be_read_show_nothing(tmp_path):
+    frames, xy = spots_that_jump(0.0)
+    for k, frame in enumerate(frames):
+        assert cv2.imwrite(str(tmp_path / f"a-{k}.png"), frame)
+    (tmp_path / "a-2.png").write_bytes(b"no image")
+    recording = lb.read_recording(tmp_path, period_s=1.0, on_unreadable="skip")
+    ahead = Survey(np.array([0]), xy[:1], xy[0], lb.EIWA(13, centre="peak"))
+    whole = measured(recording, recording.stamps[0], ahead, lb.Ring(), 0, 6)
+    alone = measured(recording, recording.stamps[0], ahead, lb.Ring(), 2, 3)
+    for track, k in ((whole, 2), (alone, 0)):
+        assert np.isnan(track.xy[k]).all() and np.isnan(track.sigma[k]).all()
+        assert (track.flags[k] == lb.SpotFlag.MISSING).all()
+        assert list(track.skipped) == [2]
+        assert track.skipped[2].startswith("a-2.png cannot be read")
+    assert alone.xy.shape == alone.sigma.shape == (1, 2, 2)
+    assert np.isfinite(np.delete(whole.xy, 2, axis=0)).all()
 
 
 def spots_that_jump(by, at=3, n=6):
