@@ -60,7 +60,7 @@ def declared(*extras):
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
-        ("losbench", ["fits", "hdf5", "tiff"]),
+        ("losbench", ["fits", "hdf5", "tiff", "cluster"]),
         ("tests", ["fits", "hdf5", "tiff", "test", "cluster", "data", "browser"]),
         ("benchmarks", ["fits", "hdf5", "test", "mutants", "bench"]),
         ("data", ["data"]),

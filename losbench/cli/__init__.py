@@ -14,6 +14,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 
 from losbench.__about__ import __version__
@@ -51,13 +52,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         _hush()
         return 141
-    except KeyboardInterrupt:
-        print(said, "interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stopped:
+        print(said, _with_notes("interrupted", stopped), file=sys.stderr)
         return 130
     except Exception as error:
         if options.debug or not is_for_the_user(error):
             raise
-        print(said, _in_one_line(str(error)) or type(error).__name__, file=sys.stderr)
+        told = _in_one_line(str(error)) or type(error).__name__
+        print(said, _with_notes(told, error), file=sys.stderr)
         return 2
 
 
@@ -65,7 +67,7 @@ def is_for_the_user(error: Exception) -> bool:
     """Whether an error tells of an argument, a file or the machine, and not of losbench itself: of
     errors of value only those that a check of losbench raised, by a ``raise`` of its own.
     """
-    if isinstance(error, OSError | ImportError | MemoryError):
+    if isinstance(error, OSError | ImportError | MemoryError | BrokenExecutor):
         return True
     if not isinstance(error, ValueError):
         return False
@@ -80,6 +82,10 @@ def is_for_the_user(error: Exception) -> bool:
 
 def _in_one_line(text: str) -> str:
     return " ".join(text.split())
+
+
+def _with_notes(told: str, error: BaseException) -> str:
+    return "; ".join([told, *(_in_one_line(note) for note in getattr(error, "__notes__", ()))])
 
 
 def _hush() -> None:

@@ -15,6 +15,7 @@ from losbench.cli.choices import (
     spots_of,
 )
 from losbench.cli.frames import add_frames, recording_of
+from losbench.cli.workers import add_workers, run_of
 
 __all__ = ["add"]
 
@@ -82,6 +83,7 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         help="name of a log column, e.g. temperature_degC=T1",
     )
     add_choices(parser)
+    add_workers(parser)
     add_dialect(parser)
     parser.set_defaults(run=_run)
 
@@ -95,7 +97,6 @@ def _run(options: argparse.Namespace) -> int:
     from losbench.outputs import claim
     from losbench.recording.measure import measure
     from losbench.recording.report import WRITTEN, write_report
-    from losbench.recording.run import Run
     from losbench.recording.second import second_opinion
 
     # What can be wrong with the arguments or the folder is found before the frames are read, which
@@ -115,7 +116,10 @@ def _run(options: argparse.Namespace) -> int:
     calibration = [options.dark, options.flat, options.bad_pixels]
     tables = [options.camera, options.temperature, options.times]
     inputs = [path for path in [*options.frames, *calibration, *tables] if path is not None]
-    with claim(options.out, inputs=inputs, writes=WRITTEN, force=options.force) as results:
+    with (
+        claim(options.out, inputs=inputs, writes=WRITTEN, force=options.force) as results,
+        run_of(options) as run,
+    ):
         made = made_by(options, inputs)
         recording = recording_of(options, detector, times)
         centroid, background = centroid_of(options), background_of(options)
@@ -128,7 +132,7 @@ def _run(options: argparse.Namespace) -> int:
             background=background,
             solver=angles_of(options),
             reference=reference_of(options),
-            run=Run(progress=not options.quiet),
+            run=run,
         )
         other = second_opinion(
             recording,

@@ -1,13 +1,11 @@
-"""Spots followed through a recording, a block of frames at a time."""
+"""Spots followed through a block of frames."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from losbench.arrays import Bools
 from losbench.imaging.background import Background
@@ -18,32 +16,7 @@ from losbench.recording.stamps import Stamp
 from losbench.recording.survey import Survey
 from losbench.recording.track import Track
 
-__all__ = ["follow", "measured"]
-
-
-def follow(
-    recording: Recording,
-    stamp: Stamp,
-    survey: Survey,
-    background: Background,
-    *,
-    block: int,
-    bar: tqdm[Any],
-) -> Track:
-    """Follow the spots of one stamp through all frames, ``block`` of them in memory at a time.
-
-    Returns
-    -------
-    Track
-        In pixels of the detector, with the frames that could not be read and why.
-    """
-    parts: list[Track] = []
-    for first in range(0, recording.n_frames, block):
-        last = min(first + block, recording.n_frames)
-        parts.append(measured(recording, stamp, survey, background, first, last))
-        bar.update(last - first)
-    track = Track.one_after_another(parts)
-    return replace(track, xy=track.xy + np.array(stamp.origin_px))
+__all__ = ["measured"]
 
 
 def measured(

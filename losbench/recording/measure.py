@@ -19,7 +19,6 @@ from losbench.imaging.protocols import CentroidMethod
 from losbench.logs import TemperatureLog
 from losbench.optics.camera import Camera
 from losbench.recording.angles import Angles, as_angles
-from losbench.recording.follow import follow
 from losbench.recording.measurement import Measurement
 from losbench.recording.notes import notes_on_frames
 from losbench.recording.readers import Recording
@@ -28,7 +27,7 @@ from losbench.recording.run import Run
 from losbench.recording.starts import check_shape, first_places
 from losbench.recording.survey import survey
 from losbench.recording.table import measurement_table, temperatures
-from losbench.recording.track import Track
+from losbench.recording.work import Job, tracked
 
 __all__ = ["Measurement", "measure"]
 
@@ -74,7 +73,7 @@ def measure(
         Shifts count from the first frame that shows every spot, or from the mean of the first K
         frames. Its error enters the shifts' errors.
     run : Run, optional
-        Frames in memory at a time, and the progress bar.
+        Who measures, what is kept of it on the way, and the progress bar.
 
     Returns
     -------
@@ -97,19 +96,18 @@ def measure(
     [[[20.0, 15.0]], [[20.0, 15.0]], [[20.0, 15.0]]]
     """
     how, under = as_method(centroid or "eiwa", {}), as_background(background)
-    angles, work = as_angles(solver), run or Run()
+    angles = as_angles(solver)
     if reference != "first":
         integer("reference", reference, low=1, high=recording.n_frames)
     check_shape(recording, camera)
     celsius, said = temperatures(recording, temperature)
     places = first_places(recording, spots)
     raw = replace(how, smooth=None)
-    with work.bar(recording.n_frames * len(recording.stamps)) as bar:
-        tracks = []
-        for stamp, start in zip(recording.stamps, places, strict=True):
-            plan = survey(recording, stamp, start, raw, under)
-            tracks.append(follow(recording, stamp, plan, under, block=work.block, bar=bar))
-    track = Track.side_by_side(tracks)
+    surveys = tuple(
+        survey(recording, stamp, start, raw, under)
+        for stamp, start in zip(recording.stamps, places, strict=True)
+    )
+    track = tracked(Job(recording, surveys, under), run or Run())
     xy, sigma, flags = track.xy, track.sigma, track.flags
     notes = notes_on_frames(track, recording.detector)
     if how.smooth is not None:

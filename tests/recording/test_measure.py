@@ -121,7 +121,7 @@ def test_a_spot_that_goes_out_is_nan_and_flagged_and_comes_back():
     frames = frames_of(SPOTS)
     frames[4:7, 20:41, 30:51] = frames_of(SPOTS[1:])[4:7, 20:41, 30:51]
     measured = lb.measure(
-        in_memory(frames, detector=DETECTOR), CAMERA, spots=SPOTS, run=lb.Run(block=5)
+        in_memory(frames, detector=DETECTOR), CAMERA, spots=SPOTS, run=lb.Run(chunk=5)
     )
     lost = np.isnan(measured.xy_px[:, 0, 0])
     assert np.flatnonzero(lost).tolist() == [4, 5, 6]
@@ -324,7 +324,7 @@ def test_of_many_unreadable_frames_the_first_few_are_named():
     stamp = Stamp("frame", replace(lb.open_frames(frames), source=Loading(len(frames), load)))
     measured = lb.measure(
         Recording("memory", len(frames), (stamp,), detector=DETECTOR, skip_unreadable=True),
-        run=lb.Run(block=4),
+        run=lb.Run(chunk=4),
     )
     named = ", ".join(f"frame {k} (page {k} is torn)" for k in (6, 7, 8))
     assert f"6 of 12 frames are left out as unreadable: {named}, and 3 more." in measured.notes
@@ -454,7 +454,7 @@ def test_what_holds_for_a_recording_does_not_depend_on_its_blocks(method):
             in_memory(frames, detector=DETECTOR),
             spots=SPOTS,
             centroid=method,
-            run=lb.Run(block=block),
+            run=lb.Run(chunk=block),
         )
         for block in (24, 4, 1)
     )
