@@ -39,6 +39,11 @@ class Claim:
     draft: Path
     _sha256: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def written(self) -> list[str]:
+        """Names of the files that have been written, in order."""
+        return list(self._sha256)
+
     def write(self, name: str, content: str | bytes) -> None:
         """Write a file of the results, ``name`` with slashes for folders within.
 
@@ -58,7 +63,15 @@ class Claim:
         """Write ``report.json``, the list of files added, and put all in the folder's place.
 
         Files of the folder that no list of losbench names stay in it.
+
+        Raises
+        ------
+        FileExistsError
+            If one of them has the name of a file that was written.
+        OSError
+            If it cannot be written; the folder is as it was.
         """
+        _check_free(self.folder, self.folder, self._sha256)
         listed = {"files": dict(sorted(self._sha256.items()))}
         with self._told(REPORT):
             text = json.dumps({**report, **listed}, indent=1) + "\n"
@@ -143,12 +156,7 @@ def claim(
                 raise FileExistsError(
                     f"{out} is not empty: choose another folder, or overwrite with --force"
                 )
-            taken = sorted(set(writes) & _own_files(folder))
-            if taken:
-                raise FileExistsError(
-                    f"{out} holds {taken[0]}, which no earlier run of losbench lists as its own: "
-                    "choose another folder"
-                )
+            _check_free(out, folder, writes)
         draft = _beside(folder, "new")
         try:
             draft.mkdir()
@@ -238,6 +246,15 @@ def _own_files(folder: Path) -> set[str]:
         listed = {REPORT, *json.loads((folder / REPORT).read_text(encoding="utf-8"))["files"]}
     found = (path for path in folder.rglob("*") if not path.is_dir() or path.is_symlink())
     return {path.relative_to(folder).as_posix() for path in found} - listed
+
+
+def _check_free(out: str | Path, folder: Path, writes: Iterable[str]) -> None:
+    taken = sorted(set(writes) & _own_files(folder))
+    if taken:
+        raise FileExistsError(
+            f"{out} holds {taken[0]}, which no earlier run of losbench lists as its own: choose "
+            "another folder"
+        )
 
 
 def _check_apart(folder: Path, given: Path) -> None:

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib.resources import files
+from importlib import resources
 from string import Template
 from typing import TYPE_CHECKING, Literal
 
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 __all__ = [
     "QUESTIONS",
     "Answer",
+    "Doubt",
     "Picture",
-    "how_made",
     "page",
+    "replies_to_dict",
     "section",
     "sentences",
     "table",
@@ -40,6 +41,12 @@ QUESTIONS = (
     "How was it made?",
 )
 _INK, _GRID = "#000000", "#e3e3e3"
+
+
+class Doubt(str):
+    """A note that speaks against the numbers that it stands beside."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True)
@@ -57,25 +64,31 @@ def page(
     answers: Sequence[Answer],
     chapters: Mapping[str, Iterable[str]],
     *,
-    foot: str,
+    made: Made,
+    files: Iterable[str] = (),
 ) -> str:
     """Return a whole page.
 
     Parameters
     ----------
-    title, subtitle, foot : str
+    title, subtitle : str
         Plain text.
     answers : sequence of Answer
         To the first of `QUESTIONS`, on top of the page.
     chapters : mapping of str to texts
-        A question's sections; without any it is left out.
+        The sections of the first four; without any it is left out.
+    made : Made
+        For the last chapter.
+    files : iterable of str
+        Names of the files beside the page.
 
     Examples
     --------
-    >>> text = page("a <b>", "", [Answer("yes", "")], {QUESTIONS[0]: ["", ""]}, foot="")
-    >>> "a &lt;b&gt;" in text, "<h2" in text
-    (True, False)
+    >>> text = page("a <b>", "", [Answer("yes", "")], {QUESTIONS[0]: ["", ""]}, made=Made())
+    >>> "a &lt;b&gt;" in text, text.count("<h2")
+    (True, 1)
     """
+    chapters = {**chapters, QUESTIONS[-1]: _how_made(made, files)}
     told = {question: [each for each in parts if each] for question, parts in chapters.items()}
     asked = [
         f'<li class="{answer.state}"><a href="#{_id(question)}">{escape(question)}</a>'
@@ -87,14 +100,25 @@ def page(
         for question, parts in told.items()
         if parts
     ]
-    template = Template(files("losbench").joinpath("page.html").read_text(encoding="utf-8"))
+    template = Template(
+        resources.files("losbench").joinpath("page.html").read_text(encoding="utf-8")
+    )
     return template.substitute(
         title=escape(title),
         subtitle=escape(subtitle),
         answers="\n".join(asked),
         chapters="\n".join(body),
-        foot=escape(foot),
+        foot=f"Made by losbench {escape(made.versions['losbench'])}. The page is whole in itself "
+        "and asks for nothing from outside.",
     )
+
+
+def replies_to_dict(replies: Sequence[Answer]) -> list[dict[str, str]]:
+    """Return answers as report.json has them."""
+    return [
+        {"question": question, "answer": reply.word, "state": reply.state, "said": reply.text}
+        for question, reply in zip(QUESTIONS, replies, strict=False)
+    ]
 
 
 def section(title: str, *parts: str) -> str:
@@ -186,7 +210,7 @@ class Picture:
         )
 
 
-def how_made(made: Made, files: Iterable[str]) -> list[str]:
+def _how_made(made: Made, files: Iterable[str]) -> list[str]:
     """Return the sections of the last chapter: command, settings, inputs, versions, files."""
     inputs = [
         [
@@ -230,7 +254,7 @@ def _shown(made: Made) -> list[list[str]]:
 
 def _cell(value: object) -> str:
     if isinstance(value, float):
-        return "" if value != value else f"{value:.5g}"
+        return "" if value != value else f"{value:.4g}"
     return escape(str(value))
 
 

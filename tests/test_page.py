@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import losbench.made as module
 from losbench.made import Made, Source
-from losbench.page import QUESTIONS, Answer, Picture, how_made, page, section, sentences, table
+from losbench.page import QUESTIONS, Answer, Picture, page, section, sentences, table
 
 BAD = "<script>alert(1)</script> \" ' & $T_1$"
 
@@ -57,9 +57,8 @@ def whole():
         QUESTIONS[0]: [section(BAD, sentences([BAD, BAD]), table([BAD], [[BAD]], caption=BAD))],
         QUESTIONS[1]: [section("", *pictures), section("nothing", "")],
         QUESTIONS[2]: [""],
-        QUESTIONS[4]: how_made(made, [BAD]),
     }
-    return page(BAD, BAD, [Answer(BAD, BAD, "care")], chapters, foot=BAD)
+    return page(BAD, BAD, [Answer(BAD, BAD, "care")], chapters, made=made, files=[BAD])
 
 
 def test_no_text_is_markup_and_nothing_is_asked_for_outside(whole):

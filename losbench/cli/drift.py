@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from losbench.cli.arguments import Commands, add_dialect, dialect_options
+from losbench.cli.arguments import Commands, add_dialect, dialect_options, made_by
 
 if TYPE_CHECKING:
     from losbench.pointing.starcamera import QuaternionConvention
@@ -45,7 +45,7 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         help="of the quaternions, e.g. first,camera_to_inertial; default as the TOML says",
     )
     parser.add_argument(
-        "--heads", default="1,2", metavar="J,K", help="which two, of more (%(default)s)"
+        "--heads", metavar="J,K", help="which two, of more; default every pair of them"
     )
     parser.add_argument(
         "--smooth-s", type=float, help="average the drift over so many seconds before it corrects"
@@ -79,25 +79,27 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from losbench.telemetry.aem import AttitudeMessage
     from losbench.telemetry.correct import correct_telemetry
 
+    given = options.aem
+    message = AttitudeMessage(tuple(given[:3]), tuple(given[3:])) if given else None
+    described = options.columns or options.telemetry[0].with_suffix(".toml")
     report = correct_telemetry(
         options.telemetry,
         options.out,
         columns=options.columns,
         convention=_convention(options.convention),
-        heads=_heads(options.heads),
+        heads=None if options.heads is None else _heads(options.heads),
         smooth_s=options.smooth_s,
         window=options.window,
         track_gap_s=options.track_gap_s,
         max_gap_s=options.max_gap_s,
+        message=message,
         force=options.force,
+        made=made_by(options, [*options.telemetry, described]),
         **dialect_options(options),
     )
-    if options.aem:
-        from losbench.telemetry.aem import write_pair
-
-        write_pair(report, options.out, frames=options.aem[:3], satellite=options.aem[3:])
     if not options.quiet:
         print(report.summary())
     return 0

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from losbench.__about__ import __version__
 from losbench.made import Made
 from losbench.outputs import Claim, into
-from losbench.page import QUESTIONS, Answer, Picture, how_made, page
+from losbench.page import Answer, Picture, page, replies_to_dict
 from losbench.pointing.thermal import SensitivityFit
 from losbench.recording import pictures, sensitivity
 from losbench.recording.measurement import Measurement
@@ -78,7 +77,7 @@ def write_report(
     report = {
         "losbench": __version__,
         "source": name,
-        "answers": _plain(replies),
+        "answers": replies_to_dict(replies),
         "reference_px": measurement.reference_px.round(4).tolist(),
         "notes": list(measurement.notes),
         "belief": belief.to_dict(),
@@ -95,25 +94,14 @@ def write_report(
 
 
 def _page(told: Told, replies: list[Answer], counted: str) -> str:
-    chapters = {q: [say(told) for say in parts] for q, parts in CHAPTERS.items()}
-    chapters[QUESTIONS[-1]] = how_made(
-        told.made, ["measurement.csv", "report.json", *(f"{each}.png" for each in told.pictures)]
-    )
     return page(
         f"Measurement of {told.recording.source.resolve().name}",
         counted,
         replies,
-        chapters,
-        foot=f"Made by losbench {__version__}. The page is whole in itself and asks for nothing "
-        "from outside.",
+        {question: [say(told) for say in parts] for question, parts in CHAPTERS.items()},
+        made=told.made,
+        files=["measurement.csv", "report.json", *(f"{each}.png" for each in told.pictures)],
     )
-
-
-def _plain(replies: list[Answer]) -> list[dict[str, Any]]:
-    return [
-        {"question": question, "answer": reply.word, "state": reply.state, "said": reply.text}
-        for question, reply in zip(QUESTIONS, replies, strict=False)
-    ]
 
 
 def _pictures(

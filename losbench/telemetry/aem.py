@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +13,15 @@ from scipy.spatial.transform import Rotation
 from losbench.arrays import Floats
 from losbench.checks import finite_or_nan, increasing, shaped
 from losbench.pointing.starcamera.convention import Attitudes
-from losbench.resources import write_whole
 from losbench.series import runs
-from losbench.telemetry.correct import PairReport
 
-__all__ = ["write_aem", "write_pair"]
+if TYPE_CHECKING:
+    from losbench.telemetry.report import PairReport
+
+__all__ = ["AttitudeMessage", "aem_text"]
 
 
-def write_aem(
-    path: str | Path,
+def aem_text(
     time_s: ArrayLike,
     quaternions: ArrayLike,
     *,
@@ -31,12 +32,12 @@ def write_aem(
     object_id: str,
     originator: str = "LOSBENCH",
     created: datetime | None = None,
-) -> int:
-    """Write attitudes with rates; a new segment after each gap or missing sample.
+) -> tuple[str, int]:
+    """Return a message of attitudes with rates, and how many segments it has: a new one after each
+    gap or missing sample.
 
     Parameters
     ----------
-    path : path
     time_s : (n,) array
         Seconds since ``start``, increasing.
     quaternions : (n, 4) array
@@ -51,8 +52,8 @@ def write_aem(
 
     Returns
     -------
-    int
-        Segments written.
+    str, int
+        The message, and how many segments it has.
 
     Raises
     ------
@@ -111,51 +112,60 @@ def write_aem(
             for epoch, row in zip(epochs, values, strict=True)
         ]
         lines.append("DATA_STOP")
-    write_whole(Path(path), "\n".join(lines) + "\n")
-    return len(pieces)
+    return "\n".join(lines) + "\n", len(pieces)
 
 
-def write_pair(
-    report: PairReport,
-    folder: Path,
-    *,
-    frames: tuple[str, str, str],
-    satellite: tuple[str, str],
-) -> tuple[str, str]:
-    """Write the corrected attitudes of both heads, ``corrected-1.aem`` and ``corrected-2.aem``.
+@dataclass(frozen=True)
+class AttitudeMessage:
+    """What a message of a pair's corrected attitudes names.
 
     Parameters
     ----------
-    report : PairReport
-        Of telemetry whose times are UTC.
-    folder : Path
     frames : three of str
         Inertial frame, frame of the first head, frame of the second.
     satellite : two of str
         Name and identifier.
     """
-    telemetry = report.telemetry
-    if telemetry.start is None:
-        raise ValueError("an attitude message needs times in UTC, but the telemetry has seconds")
-    if report.pair is None:
-        raise ValueError("an attitude message needs corrected attitudes: no spots tell of a drift")
-    names = ("corrected-1.aem", "corrected-2.aem")
-    for k, name in enumerate(names):
-        read = Attitudes.read(report.pair.quaternions[k], telemetry.pair.convention)
-        turned = read.stored if read.convention.to_inertial else read.stored.inv()
-        q = turned.as_quat()
-        q[read.missing] = np.nan
-        write_aem(
-            folder / name,
-            telemetry.pair.time_s,
-            q,
-            start=telemetry.start,
-            frame_a=frames[0],
-            frame_b=frames[1 + k],
-            object_name=satellite[0],
-            object_id=satellite[1],
-        )
-    return names
+
+    frames: tuple[str, str, str]
+    satellite: tuple[str, str]
+
+    def of(self, report: PairReport) -> dict[str, str]:
+        """Return the messages of both heads by the name of their file, ``corrected-1.aem`` and
+        ``corrected-2.aem``.
+
+        Raises
+        ------
+        ValueError
+            If the times are not UTC, no spots tell of a drift, or there are more than two heads.
+        """
+        telemetry = report.telemetry
+        if report.others:
+            raise ValueError("an attitude message is of two heads: name them with --heads")
+        if telemetry.start is None:
+            raise ValueError(
+                "an attitude message needs times in UTC, but the telemetry has seconds"
+            )
+        if report.pair is None:
+            raise ValueError(
+                "an attitude message needs corrected attitudes: no spots tell of a drift"
+            )
+        messages = {}
+        for k, head in enumerate(report.heads):
+            read = Attitudes.read(report.pair.quaternions[k], telemetry.pair.convention)
+            turned = read.stored if read.convention.to_inertial else read.stored.inv()
+            q = turned.as_quat()
+            q[read.missing] = np.nan
+            messages[f"corrected-{head}.aem"], _ = aem_text(
+                telemetry.pair.time_s,
+                q,
+                start=telemetry.start,
+                frame_a=self.frames[0],
+                frame_b=self.frames[1 + k],
+                object_name=self.satellite[0],
+                object_id=self.satellite[1],
+            )
+        return messages
 
 
 def _rates(t: Floats, quaternions: Floats) -> Floats:

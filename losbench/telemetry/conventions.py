@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from losbench.arrays import Floats
+from losbench.page import Doubt
 from losbench.pointing.starcamera import QuaternionConvention, boresight_angle
 from losbench.series import split_tracks
 from losbench.units import rad_to_arcsec
@@ -93,9 +94,11 @@ def check_convention(
     if _settled(own, other, quaternions):
         return []
     return [
-        f"The telemetry does not tell its convention: the angle scatters by "
-        f"{own.scatter_arcsec:.3g} arcsec with the one that is named, and by "
-        f"{other.scatter_arcsec:.3g} with {other.convention}."
+        Doubt(
+            f"The telemetry does not tell its convention: the angle scatters by "
+            f"{own.scatter_arcsec:.3g} arcsec with the one that is named, and by "
+            f"{other.scatter_arcsec:.3g} with {other.convention}."
+        )
     ]
 
 

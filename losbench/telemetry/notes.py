@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from losbench.page import Doubt
 from losbench.pointing.starcamera import CorrectedPair, DriftFit, time_tag_offset
 from losbench.telemetry.read import Telemetry
 from losbench.telemetry.tracks import ends
@@ -26,12 +27,17 @@ _CLEAR_OFFSET = 10.0  # stated sigmas of a time offset; slow errors alone reach 
 
 
 def head_notes(
-    pair: CorrectedPair, *, sigma_mm: float | None, smooth_s: float | None, max_gap_s: float
+    pair: CorrectedPair,
+    heads: tuple[int, int],
+    *,
+    sigma_mm: float | None,
+    smooth_s: float | None,
+    max_gap_s: float,
 ) -> list[str]:
     """Say how well each head's drift is known, and where it is not."""
     lines = []
     for k, fit in enumerate(pair.fits):
-        head = f"Head {k + 1}"
+        head = f"Head {heads[k]}"
         error = 3.0 * np.nanmedian(fit.std_error_arcsec.reshape(-1, 3), axis=0)
         lines.append(
             f"{head}: drift known to {error[0]:.2g}, {error[1]:.2g}, {error[2]:.2g} arcsec about "
@@ -40,7 +46,10 @@ def head_notes(
         )
         if fit.condition > _WORST_CONDITION:
             lines.append(
-                f"{head}: the spots stand so near to each other that z is lost; is spot_unit right?"
+                Doubt(
+                    f"{head}: the spots stand so near to each other that z is lost; is spot_unit "
+                    "right?"
+                )
             )
         if sigma_mm is not None and np.isfinite(fit.residuals[..., 0]).all(axis=1).sum() >= _ENOUGH:
             lines.append(_scatter_note(head, _residual_rms(fit) / sigma_mm))
@@ -70,7 +79,7 @@ def _scatter_note(head: str, ratio: float) -> str:
     line = f"{head}: the spots scatter about a pure turn by {ratio:.2f} times spot_sigma_um"
     if 1.0 / _FAR_FROM_ONE <= ratio <= _FAR_FROM_ONE:
         return f"{line}."
-    return (
+    return Doubt(
         f"{line}, far from 1: check single bad spots, the order and signs of their columns, "
         "spot_unit, and sigma."
     )
@@ -92,9 +101,11 @@ def change_notes(tracks: pd.DataFrame) -> list[str]:
     if not abs(corrected) - abs(raw) > _BEYOND * error:
         return []
     return [
-        f"The correction makes the angle's change larger, {corrected:+.3f} +- {error:.2g} for "
-        f"{raw:+.3f} arcsec: "
-        "check the sign of the spots, whether the heads' spots are swapped, focal_mm and spot_unit."
+        Doubt(
+            f"The correction makes the angle's change larger, {corrected:+.3f} +- {error:.2g} for "
+            f"{raw:+.3f} arcsec: check the sign of the spots, whether the heads' spots are "
+            "swapped, focal_mm and spot_unit."
+        )
     ]
 
 
@@ -104,10 +115,11 @@ def slow_notes(tracks: pd.DataFrame) -> list[str]:
     if not ratio > _SLOW:
         return []
     return [
-        f"LSFE is {ratio:.1f} times NEA, more than optics do. Stellar aberration left in the "
-        "attitudes does this "
-        "(losbench.pointing.starcamera.remove_aberration takes it out), and so do wrong time tags "
-        "of one head."
+        Doubt(
+            f"LSFE is {ratio:.1f} times NEA, more than optics do. Stellar aberration left in the "
+            "attitudes does this (losbench.pointing.starcamera.remove_aberration takes it out), "
+            "and so do wrong time tags of one head."
+        )
     ]
 
 
@@ -131,11 +143,9 @@ def clock_notes(read: Telemetry, angle: pd.DataFrame) -> list[str]:
             "one's time tags (track "
             f"{track}; white noise assumed)."
         )
-        return [
-            line
-            + " That is far from 0: put the tags right first."
-            * (abs(added) > _CLEAR_OFFSET * error_ms)
-        ]
+        if abs(added) > _CLEAR_OFFSET * error_ms:
+            return [Doubt(f"{line} That is far from 0: put the tags right first.")]
+        return [line]
     return [f"Time tags of the heads not compared: {why}."]
 
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from losbench.arrays import Floats
+from losbench.pointing.starcamera import CorrectedPair
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["angle_figure", "drift_figure"]
+__all__ = ["angle_figure", "drift_figure", "leftover_figure"]
+
+_MANY = 3000  # points of a line, beyond which it is drawn as an image
 
 
 def angle_figure(angle: pd.DataFrame, *, zero_deg: float | None = None) -> Figure:
@@ -23,16 +29,21 @@ def angle_figure(angle: pd.DataFrame, *, zero_deg: float | None = None) -> Figur
 
     tracks = [samples for _, samples in angle.groupby("track")]
     shown = tracks[:: -(-len(tracks) // 6)]
-    fig = Figure(figsize=(2.6 + 2.6 * len(shown), 3.6))
+    fig = Figure(figsize=(max(2.6 + 2.6 * len(shown), 8.0), 3.6))
     axes = np.atleast_1d(fig.subplots(1, len(shown), sharey=True))
+    lines = {"before": ("uncorrected", "vermilion"), "after": ("corrected", "blue")}
     for axis, samples in zip(axes, shown, strict=True):
         time = samples["time_s"] - samples["time_s"].iloc[0]
-        axis.plot(
-            time, samples["before_arcsec"], lw=0.7, color=COLOURS["vermilion"], label="uncorrected"
-        )
-        if "after_arcsec" in samples:
-            corrected = samples["after_arcsec"]
-            axis.plot(time, corrected, lw=0.7, color=COLOURS["blue"], label="corrected")
+        for which, (label, colour) in lines.items():
+            if f"{which}_arcsec" in samples:
+                axis.plot(
+                    time,
+                    samples[f"{which}_arcsec"],
+                    lw=0.7,
+                    color=COLOURS[colour],
+                    label=label,
+                    rasterized=len(time) > _MANY,
+                )
         axis.set_title(f"track {samples['track'].iloc[0]}")
         axis.set_xlabel("time in track (s)")
     zero = "design" if zero_deg is None else f"{zero_deg:.4f} deg"
@@ -41,27 +52,58 @@ def angle_figure(angle: pd.DataFrame, *, zero_deg: float | None = None) -> Figur
     return fig
 
 
-def drift_figure(angle: pd.DataFrame) -> Figure:
+def drift_figure(angle: pd.DataFrame, heads: Sequence[int]) -> Figure:
     """Each component of the drift in a panel on its own scale, both heads, the tracks side by side
     without gaps.
     """
+    series = {
+        f"drift about {name} (arcsec)": [
+            angle[f"drift_{head}_{name}_arcsec"].to_numpy()[:, None] for head in heads
+        ]
+        for name in "xyz"
+    }
+    return _along_tracks(angle, series, heads)
+
+
+def leftover_figure(angle: pd.DataFrame, pair: CorrectedPair, heads: Sequence[int]) -> Figure:
+    """What a pure turn leaves of the shifts of both heads' spots, the tracks side by side without
+    gaps.
+    """
+    series = {
+        f"left along {name} (µm)": [1e3 * fit.residuals[..., i] for fit in pair.fits]
+        for i, name in enumerate("xy")
+    }
+    return _along_tracks(angle, series, heads)
+
+
+def _along_tracks(
+    angle: pd.DataFrame, series: Mapping[str, list[Floats]], heads: Sequence[int]
+) -> Figure:
+    """A panel for each series, of both heads (n, lines)."""
     from matplotlib.figure import Figure
 
     from losbench.figures import COLOURS
 
     place = _places(angle)
     spans = place.groupby(angle["track"]).agg(["min", "max"])
-    fig = Figure(figsize=(9.0, 6.4))
-    axes = fig.subplots(3, 1, sharex=True)
-    for axis, name in zip(axes, "xyz", strict=True):
-        for head, colour in ((1, "orange"), (2, "purple")):
-            drift = angle[f"drift_{head}_{name}_arcsec"]
+    fig = Figure(figsize=(9.0, 2.0 * len(series) + 0.4))
+    axes = fig.subplots(len(series), 1, sharex=True)
+    for axis, (label, both) in zip(axes, series.items(), strict=True):
+        for head, values, colour in zip(heads, both, ("orange", "purple"), strict=True):
+            named = [f"head {head}", *["_"] * (values.shape[1] - 1)]
             axis.plot(
-                place, drift, ".", ms=1.5, alpha=0.5, color=COLOURS[colour], label=f"head {head}"
+                place,
+                values,
+                ".",
+                ms=1.5,
+                alpha=0.5,
+                color=COLOURS[colour],
+                label=named,
+                rasterized=len(place) > _MANY,
             )
         for before, after in zip(spans["max"].iloc[:-1], spans["min"].iloc[1:], strict=True):
             axis.axvline((before + after) / 2, color=COLOURS["black"], lw=0.6)
-        axis.set_ylabel(f"drift about {name} (arcsec)")
+        axis.set_ylabel(label)
         axis.margins(x=0.01)
         axis.grid(visible=len(spans) == 1, axis="x")
     fig.legend(

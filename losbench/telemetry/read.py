@@ -12,6 +12,7 @@ import numpy as np
 from losbench.arrays import Floats, Ints
 from losbench.checks import unit_quaternions
 from losbench.logs import FrameTimes, utc_of
+from losbench.page import Doubt
 from losbench.pointing.starcamera import (
     PairTelemetry,
     QuaternionConvention,
@@ -81,15 +82,34 @@ def read_telemetry(
     UserWarning
         If the quaternions have so few decimals that rounding shows, with what it costs in arcsec.
     """
+    return read_pairs(path, form, [heads], dialect=dialect)[0]
+
+
+def read_pairs(
+    path: str | Path | Sequence[str | Path],
+    form: TelemetryFormat,
+    pairs: Sequence[tuple[int, int]],
+    *,
+    dialect: Dialect | None = None,
+) -> list[Telemetry]:
+    """Read several pairs of heads as `read_telemetry` does, each file once."""
     files = [Path(p) for p in ([path] if isinstance(path, str | Path) else path)]
     if len(files) not in (1, len(form.heads)) or (len(files) == 1 and form.a_file_each):
         raise ValueError(
             f"telemetry must be a file for each of {len(form.heads)} heads"
             f"{' or one for all' * (not form.a_file_each)}, got {len(files)}"
         )
-    tables = [read_table(files[k - 1], dialect) for k in heads] if len(files) > 1 else []
-    tables = tables or [read_table(files[0], dialect)] * 2
-    sources = [_source(table, k, form, len(files)) for table, k in zip(tables, heads, strict=True)]
+    wanted = sorted({head for pair in pairs for head in pair})
+    if wanted[-1] > len(form.heads):
+        raise ValueError(f"heads must be among the {len(form.heads)} described, got {wanted[-1]}")
+    of_head = {head: files[head - 1] if len(files) > 1 else files[0] for head in wanted}
+    tables = {file: read_table(file, dialect) for file in dict.fromkeys(of_head.values())}
+    sources = {head: _source(tables[of_head[head]], head, form, len(files)) for head in wanted}
+    return [_pair(sources[j], sources[k], form) for j, k in pairs]
+
+
+def _pair(one: _Source, other: _Source, form: TelemetryFormat) -> Telemetry:
+    sources, heads = (one, other), (one.number, other.number)
     clocks = [source.clock for source in sources]
     name = " and ".join(dict.fromkeys(source.table.file for source in sources))
     if len({clock.start is None for clock in clocks}) > 1:
@@ -309,7 +329,7 @@ def _warn_of_rounding(quaternions: Floats, notes: list[str]) -> None:
             "angle"
         )
         warnings.warn(f"{text}; {_FEWEST_DECIMALS} or more would not", UserWarning, stacklevel=3)
-        notes.append(f"The {text}.")
+        notes.append(Doubt(f"The {text}."))
 
 
 def _decimals(values: Floats) -> int:

@@ -58,6 +58,8 @@ def test_the_example_comes_back_with_its_drift_and_without_it_in_the_angle(examp
         "tracks.csv",
         "report.txt",
         "report.json",
+        "report.html",
+        "leftover.png",
         "angle.png",
         "drift.png",
     }

@@ -26,7 +26,7 @@ def points(axis, label):
 @pytest.mark.parametrize("tracks", [1, 2, 13])
 def test_every_component_of_both_heads_is_drawn_on_a_scale_of_its_own(tracks):
     angle = table(tracks)
-    fig = drift_figure(angle)
+    fig = drift_figure(angle, (1, 2))
     assert len(fig.axes) == 3
     for axis, name in zip(fig.axes, "xyz", strict=True):
         for head in (1, 2):
@@ -39,7 +39,7 @@ def test_every_component_of_both_heads_is_drawn_on_a_scale_of_its_own(tracks):
 
 def test_tracks_keep_their_length_and_order_and_lose_the_gaps():
     angle = table(4)
-    place, _ = points(drift_figure(angle).axes[0], "head 1")
+    place, _ = points(drift_figure(angle, (1, 2)).axes[0], "head 1")
     steps = np.diff(place)
     gap = np.diff(angle["track"]) > 0
     np.testing.assert_allclose(steps[~gap], 1.0, atol=1e-9)
@@ -49,7 +49,7 @@ def test_tracks_keep_their_length_and_order_and_lose_the_gaps():
 @pytest.mark.parametrize("samples", [1, 30])
 def test_a_divider_stands_between_any_two_tracks(samples):
     angle = table(5, samples=samples)
-    axis = drift_figure(angle).axes[0]
+    axis = drift_figure(angle, (1, 2)).axes[0]
     place, _ = points(axis, "head 1")
     dividers = [
         line.get_xdata()[0] for line in axis.lines if not line.get_label().startswith("head")
@@ -75,7 +75,7 @@ def test_many_tracks_leave_few_panels_and_few_labels(tracks):
     angle = table(tracks, samples=3)
     assert 1 <= len(angle_figure(angle).axes) <= 6
     if tracks > 1:
-        assert 1 < len(drift_figure(angle).axes[-1].get_xticks()) <= 10
+        assert 1 < len(drift_figure(angle, (1, 2)).axes[-1].get_xticks()) <= 10
 
 
 @pytest.mark.parametrize("tracks", [1, 3])
@@ -83,4 +83,4 @@ def test_missing_angles_are_left_out_without_a_warning(tracks):
     angle = table(tracks)
     angle.loc[angle["track"] == tracks, angle.columns[2:]] = np.nan
     with styled():
-        assert png(angle_figure(angle))[:4] == png(drift_figure(angle))[:4] == b"\x89PNG"
+        assert png(angle_figure(angle))[:4] == png(drift_figure(angle, (1, 2)))[:4] == b"\x89PNG"

@@ -14,7 +14,7 @@ from losbench.cli import main
 from losbench.papers.liu2026 import ThermalBench, warm_up
 from losbench.papers.ren2023.export import write_telemetry
 from losbench.papers.ren2023.scenario import Pair
-from losbench.telemetry.aem import write_aem
+from losbench.telemetry.aem import aem_text
 from losbench.telemetry.series import read_angles
 from losbench.units import arcsec_to_rad, rad_to_arcsec
 
@@ -155,14 +155,14 @@ def read_message(text):
     return [row[0] for row in data], np.array([row[1:] for row in data], dtype=float), keys
 
 
-def test_an_attitude_message_comes_back_to_the_last_digits_with_rates_and_segments(tmp_path):
+def test_an_attitude_message_comes_back_to_the_last_digits_with_rates_and_segments():
     t, turned = attitudes()
     q = turned.as_quat()
     q[7] = np.nan
-    path = tmp_path / "attitude.aem"
     created = datetime(2026, 3, 2, 8, 0, 0)
-    assert write_aem(path, t, q, start=START, created=created, **NAMES) == 3
-    epochs, numbers, keys = read_message(path.read_text())
+    text, segments = aem_text(t, q, start=START, created=created, **NAMES)
+    assert segments == 3
+    epochs, numbers, keys = read_message(text)
     kept = np.isfinite(q).all(axis=1)
     np.testing.assert_allclose(numbers[:, :4], q[kept], atol=1e-12)
     rate = turned[0].inv().apply([0.001, -0.002, 0.003])
@@ -178,7 +178,7 @@ def test_brahe_reads_every_component_of_a_message_back(tmp_path):
     q = turned.as_quat()
     q[7] = np.nan
     path = tmp_path / "attitude.aem"
-    write_aem(path, t, q, start=START, **NAMES)
+    path.write_text(aem_text(t, q, start=START, **NAMES)[0])
     segments = ccsds.AEM.from_file(str(path)).segments
     frames = {(s.ref_frame_a, s.ref_frame_b, s.time_system, s.angvel_frame) for s in segments}
     assert len(segments) == 3
@@ -194,18 +194,18 @@ def test_brahe_reads_every_component_of_a_message_back(tmp_path):
 
 
 @pytest.mark.parametrize("missing", sorted(NAMES))
-def test_a_message_without_its_frames_or_object_is_refused(tmp_path, missing):
+def test_a_message_without_its_frames_or_object_is_refused(missing):
     t, turned = attitudes()
     with pytest.raises(ValueError, match=f"{missing} must be named in an attitude message"):
-        write_aem(tmp_path / "a", t, turned.as_quat(), start=START, **(NAMES | {missing: " "}))
+        aem_text(t, turned.as_quat(), start=START, **(NAMES | {missing: " "}))
 
 
-def test_attitudes_that_never_stand_together_have_no_rates(tmp_path):
+def test_attitudes_that_never_stand_together_have_no_rates():
     t, turned = attitudes()
     q = turned.as_quat()
     q[::2] = np.nan
     with pytest.raises(ValueError, match="must hold two neighbouring samples"):
-        write_aem(tmp_path / "a", t, q, start=START, **NAMES)
+        aem_text(t, q, start=START, **NAMES)
 
 
 def test_drift_writes_messages_whose_attitudes_are_those_of_its_table(tmp_path):

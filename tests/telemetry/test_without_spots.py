@@ -174,3 +174,43 @@ def test_grace_fo_is_judged_and_other_conventions_are_refused(real_data, tmp_pat
             assert "angle 80.969157 deg, standard deviation 3.96 arcsec (33 angles)" in out
         else:
             assert "it is with scalar first, camera to inertial: 80.969 deg" in err
+
+
+def test_every_pair_of_three_heads_is_judged_in_one_run(table, tmp_path):
+    turn = Rotation.from_euler("y", 30.0, degrees=True)
+    third = (Rotation.from_quat(table[list(BARE.head_2.quaternion)]) * turn).as_quat()
+    names = [f"q3_{axis}" for axis in "xyzw"]
+    form = replace(BARE, head_3=HeadColumns(quaternion=tuple(names)))
+    report = judged(table.assign(**dict(zip(names, third.T, strict=True))), tmp_path, form)
+    pairs = (report, *report.others)
+    assert [each.heads for each in pairs] == [(1, 2), (1, 3), (2, 3)]
+    assert pairs[2].zero_deg == pytest.approx(30.0, abs=1e-6)
+    for each in pairs:
+        alone = judged(
+            table.assign(**dict(zip(names, third.T, strict=True))), tmp_path, form, heads=each.heads
+        )
+        pd.testing.assert_frame_equal(each.tracks, alone.tracks)
+        assert alone.others == ()
+    text = judged(table.assign(**dict(zip(names, third.T, strict=True))), tmp_path, form).summary()
+    assert [line for line in text.splitlines() if line.startswith("Heads")] == [
+        "Heads 1 and 2:",
+        "Heads 1 and 3:",
+        "Heads 2 and 3:",
+    ]
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {
+        *(f"{pair}-angle.{kind}" for pair in ("1-2", "1-3", "2-3") for kind in ("csv", "png")),
+        *("tracks.csv", "report.txt", "report.html", "report.json"),
+    }
+    tracks = pd.read_csv(tmp_path / "out" / "tracks.csv")
+    assert tracks["heads"].tolist() == ["1-2", "1-3", "2-3"]
+    with pytest.raises(ValueError, match="heads must be among the 2 described, got 3"):
+        judged(table, tmp_path, heads=(1, 3))
+
+
+def test_the_page_answers_what_is_asked_after_a_run(table, tmp_path):
+    judged(table, tmp_path)
+    page = (tmp_path / "out" / "report.html").read_text()
+    for said in ("Did it work?", "67.62", "camera to inertial", "telemetry.csv", "A design angle"):
+        assert said in page
+    assert "<b>Angle between the heads</b>" in page
