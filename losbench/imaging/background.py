@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Indices, Pixels
 from losbench.checks import number, odd
@@ -43,6 +44,8 @@ class Plane:
     excess, excess_error : (M,) arrays, DN
         How much brighter the innermost pixels of the ring are than its outermost, and the error of
         that.
+    outlier : (M,) array
+        How far the pixel that stands out most lies from the plane, in units of the scatter.
     """
 
     level: Floats
@@ -52,6 +55,11 @@ class Plane:
     slope_variance: Floats
     excess: Floats
     excess_error: Floats
+    outlier: Floats
+
+    def of(self, some: NDArray[Any]) -> Plane:
+        """Return that of some of the spots."""
+        return Plane(*(getattr(self, field.name)[some] for field in fields(self)))
 
     def off(self, raw: Pixels) -> Pixels:
         """Stamps (M, S, S) without the plane."""
@@ -241,7 +249,8 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     lopsided = np.abs(np.einsum("mr,mr->m", square, residual)) > _LOPSIDED * len(basis) * scatter**3
     even = (square.max(axis=1) <= (_STANDS_OUT * scatter) ** 2) & ~lopsided
     variance = np.broadcast_to(np.diagonal(geometry.inverse), (len(ring), 3)).copy()
-    fit = _Fit(solved[:, :3].astype(np.float64), variance, scatter, solved[:, 3].astype(np.float64))
+    solved = solved.astype(np.float64)
+    fit = _Fit(solved[:, :3], variance, scatter, solved[:, 3], np.zeros(len(ring)))
     if not even.all():
         fit.put(~even, _clipped(ring[~even], basis, solve[:, 3]))
     return Plane(
@@ -252,24 +261,28 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
         slope_variance=fit.variance[:, 1:] / geometry.reach**2,
         excess=fit.excess,
         excess_error=fit.scatter * float(np.sqrt((geometry.solve[:, 3] ** 2).sum())),
+        outlier=fit.outlier,
     )
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """Plane (M, 3), its variances in units of the scatter squared, scatter about it (M,), and how
-    much brighter the innermost pixels are than the outermost (M,); NaN where nothing was kept.
+    """Plane (M, 3), its variances in units of the scatter squared, scatter about it, how much
+    brighter the innermost pixels are than the outermost, and how many scatters the worst lies off,
+    (M,); NaN where nothing was kept.
     """
 
     plane: Floats
     variance: Floats
     scatter: Floats
     excess: Floats
+    outlier: Floats
 
     def put(self, where: Bools, part: _Fit) -> None:
         """Replace what is ``where`` by a part."""
         self.plane[where], self.variance[where] = part.plane, part.variance
         self.scatter[where], self.excess[where] = part.scatter, part.excess
+        self.outlier[where] = part.outlier
 
 
 def _clipped(values: Pixels, basis: Pixels, share: Pixels) -> _Fit:
@@ -284,7 +297,9 @@ def _clipped(values: Pixels, basis: Pixels, share: Pixels) -> _Fit:
     near = np.abs(residual) <= _CLIP * fit.scatter.astype(values.dtype)[:, None]
     fit = _kept(values, present & near, basis)
     fit.plane[:, 0] += middle
-    return replace(fit, excess=(values @ share).astype(np.float64))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        outlier = np.nan_to_num((np.abs(residual) * present).max(axis=1) / fit.scatter)
+    return replace(fit, excess=(values @ share).astype(np.float64), outlier=outlier)
 
 
 def _kept(values: Pixels, keep: Bools, basis: Pixels) -> _Fit:
@@ -300,7 +315,7 @@ def _kept(values: Pixels, keep: Bools, basis: Pixels) -> _Fit:
     scatter = np.sqrt(np.maximum(squares, 0.0) / np.maximum(sums[:, 0] - 3.0, 1.0) / _KEPT_VARIANCE)
     empty = sums[:, 0] == 0
     plane[empty], scatter[empty] = np.nan, np.nan
-    return _Fit(plane, np.diagonal(inverse, axis1=1, axis2=2), scatter, scatter)
+    return _Fit(plane, np.diagonal(inverse, axis1=1, axis2=2), scatter, scatter, scatter)
 
 
 def _median_and_scatter(values: Pixels) -> tuple[Pixels, Pixels]:

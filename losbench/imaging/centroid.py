@@ -134,7 +134,7 @@ def centroid(
         xy, sigma = smoothed(chosen.smooth, result.xy)
         result = replace(result, xy=xy, sigma_xy=sigma)
     if np.ndim(frames) == 2:
-        result = result.only_frame()
+        result = result.of(0)
     return Centroids(
         result.xy,
         result.sigma_xy,
@@ -144,6 +144,7 @@ def centroid(
         result.flags,
         side,
         width if chosen.template else None,
+        result.n_bad,
     )
 
 

@@ -4,22 +4,23 @@ a window has moved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Floats, Indices
+from losbench.arrays import Bools, Floats, Indices
 from losbench.checks import integer, number
-from losbench.imaging.background import Background, ring_places
+from losbench.imaging.background import RING, Background, ring_places
 from losbench.imaging.detector import Detector
-from losbench.imaging.flags import Cut, judged
+from losbench.imaging.flags import Cut, judged, saturated
 from losbench.imaging.hotpixels import gate_hot_pixels
 from losbench.imaging.noise import peak_reading, pixel_noise
-from losbench.imaging.protocols import CentroidMethod, Windows
+from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
 from losbench.imaging.ranks import digit_step
 from losbench.imaging.results import Measured, SpotFlag
+from losbench.imaging.scrutiny import asks, look_into, lopsided
 from losbench.imaging.stamps import cut_stamps, take_pixels
 
 __all__ = ["Engine"]
@@ -28,6 +29,8 @@ __all__ = ["Engine"]
 # over a half, so that a centroid near a pixel border is not cut back and forth
 _OFF_CENTRE = 0.6  # pixels
 _MOST_RECUTS = 10
+_OUTLIER = 5.0  # scatters of the ring
+_TOLD = SpotFlag.BAD_PIXEL | SpotFlag.NOT_CONVERGED  # of a spot that is measured anew
 _SAMPLES = 2048  # readings that tell their step
 _TELLING = 8  # different ones
 
@@ -113,10 +116,11 @@ class Engine:
         """
         cut = self.cut(stack, frame, middle)
         here = (start if now is None else now) - middle
-        windows = Windows(cut.signal, self.window, here, middle, cut.noise, width)
+        windows = Windows(cut.signal, self.window, here, middle, cut.noise, width, cut.kept)
         fit = self.method.measure(windows)
         result = judged(stack.shape[1:], middle, cut, fit)
         if self.method.stays:
+            self._look_into(stack, frame, cut, windows, fit, result, fit.converged)
             return result
 
         moved = np.nan_to_num(fit.centroid, posinf=0.0, neginf=0.0)
@@ -127,6 +131,7 @@ class Engine:
         again = (np.abs(moved).max(axis=1) > _OFF_CENTRE) & ~strayed & inside
         if not self.background.tilts:
             again &= ~fit.converged
+        self._look_into(stack, frame, cut, windows, fit, result, ~again)
         if recuts and again.any():
             redone = self.measure(
                 stack,
@@ -160,10 +165,58 @@ class Engine:
             raw = raw[:, 1:-1, 1:-1]
             missing = None if missing is None else missing[:, 1:-1, 1:-1]
         peak = peak_reading(raw, missing)
+        full, least = saturated(raw, missing, plane.level, self.full_scale_dn)
+        kept = None
+        if self.method.template and (missing is not None or full.any()):
+            lost = full[:, None, None] & (raw >= least)
+            kept = (~lost if missing is None else ~lost & ~missing).astype(raw.dtype)
         last_digit = float(np.finfo(raw.dtype).eps) * np.abs(peak)
         noise = pixel_noise(plane, self.detector, self.rounding, last_digit)
         sides = self.window, self.ring
-        return Cut(raw, signal, missing, peak, plane, noise, *sides, self.full_scale_dn)
+        return Cut(raw, signal, missing, kept, peak, full, plane, noise, *sides)
+
+    def _look_into(
+        self,
+        stack: NDArray[Any],
+        frame: Indices,
+        cut: Cut,
+        windows: Windows,
+        fit: Estimate,
+        result: Measured,
+        settled: Bools,
+    ) -> None:
+        """Mask what stands out of the spots that ask for it, measure those anew, and flag light of
+        another spot.
+        """
+        settled = settled & np.isfinite(result.xy).all(axis=1)
+        some = np.flatnonzero(settled & (asks(windows, fit) | (cut.plane.outlier > _OUTLIER)))
+        if not some.size:
+            return
+        part = replace(windows.of(some), start=fit.centroid[some], leave=self.window / 3.0)
+        looked = look_into(part)
+        bad = looked.n_bad > 0
+        result.n_bad[some] += looked.n_bad
+        result.flags[some[bad]] |= SpotFlag.BAD_PIXEL
+        if bad.any() and self.method.template:
+            where = some[bad]
+            again = replace(part.of(bad), kept=looked.kept[bad])
+            cleaned = judged(
+                stack.shape[1:], windows.middle[where], cut.of(where), self.method.measure(again)
+            )
+            cleaned.n_iter[:] += result.n_iter[where]
+            cleaned.n_bad[:] = result.n_bad[where]
+            cleaned.flags[:] |= result.flags[where] & _TOLD
+            result.put(where, cleaned)
+        reach = self.ring // 2 + RING
+        stamps = cut_stamps(stack, frame[some], windows.middle[some], reach)
+        near = reach - self.window // 2 - 1
+        kept = np.isfinite(stamps).astype(stamps.dtype)
+        kept[:, near:-near, near:-near] *= looked.kept
+        kept[:, near:-near] *= ~looked.lines.all(axis=2, keepdims=True)
+        kept[:, :, near:-near] *= ~looked.lines.all(axis=1, keepdims=True)
+        signal = np.nan_to_num(cut.plane.of(some).off(stamps))
+        crowded = lopsided(signal, kept, part, looked.fit) & looked.fit.converged
+        result.flags[some[crowded]] |= SpotFlag.NEIGHBOUR
 
 
 def _step(stack: NDArray[Any]) -> float:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Indices, Pixels
 from losbench.imaging.background import RING, Plane
@@ -20,23 +22,41 @@ _FAINTEST = 5.0  # flux in units of its error
 _PLATEAU = 5  # pixels
 _LEAK = 0.01  # of the peak
 _SURE = 5.0  # sigma
+_MOST_UNREAD = 0.15  # of the pixels of a window, that a template goes without
 
 
 @dataclass(frozen=True)
 class Cut:
     """M windows as they were read, the background under them, what is left, what was not read, and
-    the highest reading; the sides of window and ring, and the reading of a saturated pixel.
+    which pixels a template is fitted to (None: all), the highest reading, whether it is saturated,
+    and the sides of window and ring.
     """
 
     raw: Pixels
     signal: Pixels
     missing: Bools | None
+    kept: Pixels | None
     peak: Floats
+    saturated: Bools
     plane: Plane
     noise: PixelNoise
     window: int
     ring: int
-    full_scale_dn: float
+
+    def of(self, some: NDArray[Any]) -> Cut:
+        """Return some of the windows."""
+        return Cut(
+            self.raw[some],
+            self.signal[some],
+            None if self.missing is None else self.missing[some],
+            None if self.kept is None else self.kept[some],
+            self.peak[some],
+            self.saturated[some],
+            self.plane.of(some),
+            self.noise.of(some),
+            self.window,
+            self.ring,
+        )
 
 
 def judged(shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> Measured:
@@ -47,10 +67,12 @@ def judged(shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> 
     leaves = ((at - half < -0.5 - 1e-9) | (at + half > end + 1e-9)).any(axis=1)
     reach = cut.ring // 2 + RING
     clipped = ((middle < reach) | (middle + reach > end)).any(axis=1)
-    holes = np.zeros(len(middle), dtype=bool)
+    holes, n_bad = np.zeros(len(middle), dtype=bool), np.zeros(len(middle), dtype=np.int64)
     if cut.missing is not None:
-        unread = look(cut.missing.astype(np.float64), np.nan_to_num(fit.middle), cut.window)
-        holes = (unread.total > 1e-9) & ~leaves
+        unread = look(cut.missing.astype(np.float64), np.nan_to_num(fit.middle), cut.window).total
+        borne = 0.0 if cut.kept is None else _MOST_UNREAD * cut.window**2
+        holes = (unread > 1e-9) & (unread > borne) & ~leaves
+        n_bad = np.where(holes | leaves, 0, np.rint(unread)).astype(np.int64)
     with np.errstate(invalid="ignore"):
         faint = ~(fit.flux > 0) | (fit.flux < _FAINTEST * fit.sigma_flux)
 
@@ -58,7 +80,8 @@ def judged(shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> 
     for flag, where in (
         (SpotFlag.NOT_CONVERGED, ~fit.converged & ~holes),
         (SpotFlag.EDGE, leaves | clipped),
-        (SpotFlag.SATURATED, saturated(cut, level)),
+        (SpotFlag.SATURATED, cut.saturated),
+        (SpotFlag.BAD_PIXEL, n_bad > 0),
         (SpotFlag.TOO_FAINT, faint & ~holes),
         (SpotFlag.SLOW, fit.slow),
         (SpotFlag.RING, _leaks(cut, level) & ~faint & ~leaves & ~clipped),
@@ -69,22 +92,24 @@ def judged(shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> 
     nowhere = (leaves | holes | faint)[:, None]
     xy = np.where(nowhere, np.nan, fit.centroid + middle)
     sigma = np.where(np.isnan(xy), np.nan, fit.sigma)
-    return Measured(xy, sigma, fit.flux, level, fit.n_iter.copy(), flags)
+    return Measured(xy, sigma, fit.flux, level, fit.n_iter.copy(), flags, n_bad)
 
 
-def saturated(cut: Cut, level: Floats) -> Bools:
-    """Full scale is reached, or more pixels share the maximum than whole numbers make of a
-    round top.
+def saturated(
+    raw: Pixels, missing: Bools | None, level: Floats, full_scale_dn: float
+) -> tuple[Bools, Pixels]:
+    """Whether full scale is reached, or more pixels share the maximum than whole numbers make of a
+    round top, (M,); and from which reading on pixels are saturated (M, 1, 1).
     """
-    inner = cut.raw[:, 1:-1, 1:-1].reshape(len(level), -1)
-    if cut.missing is not None:
+    inner = raw[:, 1:-1, 1:-1].reshape(len(level), -1)
+    if missing is not None:
         inner = np.where(np.isnan(inner), -np.inf, inner)
     top = inner.max(axis=1)
     sharing = (inner == top[:, None]).astype(np.float32).sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        chance = cut.window**2 / (top - level)
+        chance = inner.shape[1] / (top - level)
         plateau = (top > level) & (sharing >= _PLATEAU + chance)
-    return (top >= cut.full_scale_dn) | plateau
+    return (top >= full_scale_dn) | plateau, np.minimum(top, full_scale_dn)[:, None, None]
 
 
 def _leaks(cut: Cut, level: Floats) -> Bools:

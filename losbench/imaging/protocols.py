@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
 from losbench.imaging.noise import PixelNoise
@@ -29,6 +29,11 @@ class Windows:
     noise : PixelNoise
     width : (M, 2) array, pixels
         Sigma of each spot along x and y; NaN unless the method has a template.
+    kept : (M, S, S) array or None
+        0 for a pixel that was not read or is saturated, else 1; None where all are kept, and always
+        unless the method has a template.
+    leave : float, pixels
+        How far a spot may go from the middle of its window before that is cut anew.
     """
 
     signal: Pixels
@@ -37,6 +42,21 @@ class Windows:
     middle: Indices
     noise: PixelNoise
     width: Floats
+    kept: Pixels | None = None
+    leave: float = 1.0
+
+    def of(self, some: NDArray[Any] | slice) -> Windows:
+        """Return some of the windows."""
+        return Windows(
+            self.signal[some],
+            self.side,
+            self.start[some],
+            self.middle[some],
+            self.noise.of(some),
+            self.width[some],
+            None if self.kept is None else self.kept[some],
+            self.leave,
+        )
 
 
 @dataclass(frozen=True)
@@ -44,8 +64,8 @@ class Estimate:
     """Centroids of M windows, counted from the middle of their stamps.
 
     Centroid and its error (M, 2), flux and its error (M,), evaluations, converged or not, the
-    middle of the window (M, 2), whether the centroid follows its window more than the spot, and
-    whether a template does not fit it.
+    middle of the window (M, 2), whether the centroid follows its window more than the spot, whether
+    a template does not fit it, and the width of that template (M, 2), if there is one.
     """
 
     centroid: Floats
@@ -57,6 +77,7 @@ class Estimate:
     middle: Floats
     slow: Bools
     misfit: Bools
+    width: Floats | None = None
 
 
 @runtime_checkable

@@ -4,7 +4,7 @@ every frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntFlag
 from textwrap import indent, wrap
 from typing import TYPE_CHECKING, Any, Self
@@ -53,7 +53,10 @@ class SpotFlag(IntFlag):
         4,
         "A pixel at full scale, or more pixels share the maximum than the top of a spot would.",
     )
-    NEIGHBOUR = 8, "Another start lies within six sigma, that is one window."
+    NEIGHBOUR = (
+        8,
+        "Another start lies within six sigma, that is one window, or light of another spot shows.",
+    )
     TOO_FAINT = 16, "The flux is below five times its error.", False
     SLOW = (
         32,
@@ -67,6 +70,10 @@ class SpotFlag(IntFlag):
     RING = (
         256,
         "The spot's own light lies in the ring and tilts the plane: give a larger ring.",
+    )
+    BAD_PIXEL = (
+        512,
+        "Pixels were not read, or stand out of the fit; a template goes without them.",
     )
 
     @classmethod
@@ -113,6 +120,7 @@ class Measured:
     background: Floats
     n_iter: Ints
     flags: Ints
+    n_bad: Ints
 
     @classmethod
     def nothing(cls, shape: tuple[int, ...]) -> Self:
@@ -120,24 +128,18 @@ class Measured:
         places, values = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
         n_iter = np.zeros(shape, dtype=np.int64)
         flags = np.full(shape, int(SpotFlag.MISSING), dtype=np.int64)
-        return cls(places, places.copy(), values, values.copy(), n_iter, flags)
+        return cls(places, places.copy(), values, values.copy(), n_iter, flags, n_iter.copy())
 
     def put(self, where: NDArray[Any] | tuple[NDArray[Any], ...], part: Measured) -> None:
         """Replace what is ``where`` by a part."""
         self.xy[where], self.sigma_xy[where] = part.xy, part.sigma_xy
         self.flux[where], self.background[where] = part.flux, part.background
         self.n_iter[where], self.flags[where] = part.n_iter, part.flags
+        self.n_bad[where] = part.n_bad
 
-    def only_frame(self) -> Measured:
-        """Leave the frame axis out."""
-        return Measured(
-            self.xy[0],
-            self.sigma_xy[0],
-            self.flux[0],
-            self.background[0],
-            self.n_iter[0],
-            self.flags[0],
-        )
+    def of(self, some: NDArray[Any] | int) -> Measured:
+        """Return some of them."""
+        return Measured(*(getattr(self, field.name)[some] for field in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,8 @@ class Centroids:
     width_px : (n, 2) array or None
         Sigma of each spot's template along x and y, as given or found; None for the methods that
         have no template.
+    n_bad : (F, n) array of int or None
+        Pixels of the window that were not read or stood out of the fit.
     """
 
     xy: Floats
@@ -173,6 +177,7 @@ class Centroids:
     flags: Ints
     window: int
     width_px: Floats | None = None
+    n_bad: Ints | None = None
 
     def to_frame(self) -> pd.DataFrame:
         """Return a pandas table with one row per frame and spot, and the flags in words."""

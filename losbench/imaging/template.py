@@ -13,9 +13,11 @@ Positions are counted from the middle of each stamp, x first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from losbench.arrays import Bools, Floats, Ints, Pixels
@@ -66,7 +68,17 @@ class TemplateFit:
             middle=np.zeros_like(self.centre),
             slow=np.zeros(len(self.flux), dtype=bool),
             misfit=_misfits(self, windows),
+            width=self.width,
         )
+
+    def of(self, some: NDArray[Any]) -> TemplateFit:
+        """Return some of them."""
+        return TemplateFit(*(getattr(self, field.name)[some] for field in fields(self)))
+
+    def put(self, where: NDArray[Any], part: TemplateFit) -> None:
+        """Replace what is ``where`` by a part."""
+        for field in fields(self):
+            getattr(self, field.name)[where] = getattr(part, field.name)
 
 
 @dataclass(frozen=True)
@@ -87,7 +99,6 @@ def fit_template(
     equal: bool = False,
     tolerance: float = 1e-3,
     max_iter: int = 50,
-    leave: float = 1.0,
 ) -> TemplateFit:
     """Fit flux and place of a Gaussian to each of M windows, and both its widths if ``free``.
 
@@ -101,19 +112,22 @@ def fit_template(
     tolerance : float, pixels
         A fit is done when the square of its step, which is what the step leaves, is shorter.
     max_iter : int
-    leave : float, pixels
-        A fit that leaves the middle of its window by more stops there, not converged.
+        A fit that leaves the middle of its window by more than ``windows.leave`` stops before, not
+        converged.
     """
     pixels, width = windows.signal[:, 1:-1, 1:-1], windows.width.copy()
+    kept = None if windows.kept is None else windows.kept[:, 1:-1, 1:-1]
     count, side = len(pixels), pixels.shape[1]
-    centre, flux = windows.start.copy(), pixels.sum(axis=(1, 2), dtype=np.float64)
+    first = pixels if kept is None else pixels * kept
+    centre, flux = windows.start.copy(), first.sum(axis=(1, 2), dtype=np.float64)
     variance = np.full((count, 3), np.nan)
     n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     moving = np.arange(count)
     for _ in range(max_iter):
         some = slice(None) if moving.size == count else moving
         at = Templates.of(side, centre[some], width[some], pixels.dtype, free=free)
-        step = _scoring(at, pixels[some], flux[some], windows.noise.of(some), equal)
+        seen = None if kept is None else kept[some]
+        step = _scoring(at, pixels[some], seen, flux[some], windows.noise.of(some), equal)
         move = np.clip(step.others[:, :2], -_LONGEST_STEP, _LONGEST_STEP)
         centre[some] += move
         flux[some], variance[some] = step.flux, step.variance
@@ -124,22 +138,30 @@ def fit_template(
             square = np.maximum(square, (wider**2).max(axis=1))
         n_iter[some] += 1
         converged[some] = done = square < tolerance
-        moving = moving[~done & (np.abs(centre[some]) <= leave).all(axis=1)]
+        moving = moving[~done & (np.abs(centre[some]) <= windows.leave).all(axis=1)]
         if not moving.size:
             break
     return TemplateFit(centre, width, flux, variance, n_iter, converged)
 
 
-def _scoring(at: Templates, pixels: Pixels, flux: Floats, noise: PixelNoise, equal: bool) -> _Step:
+def _scoring(
+    at: Templates,
+    pixels: Pixels,
+    kept: Pixels | None,
+    flux: Floats,
+    noise: PixelNoise,
+    equal: bool,
+) -> _Step:
     """Least squares of pixels on the template and its slopes, weighted by the inverse variance."""
-    relative = None if equal else noise.relative(flux, at)
-    sums = at.sums(pixels, None if relative is None else 1.0 / relative)
+    relative = noise.relative(flux, at)
+    weight = kept if equal or relative is None else (1.0 if kept is None else kept) / relative
+    sums = at.sums(pixels, weight)
     inverse = _inverse(sums.normal)
     values = np.einsum("mij,mj->mi", inverse, sums.reading)
     unit = noise.unit(flux)
     first = inverse[:, :3]
-    if equal and noise.per_dn:
-        spread = at.sums(pixels, noise.relative(flux, at)).normal
+    if equal and relative is not None:
+        spread = at.sums(pixels, relative if kept is None else kept * relative).normal
         errors = unit[:, None] * np.einsum("mij,mjk,mik->mi", first, spread, first)
     else:
         errors = unit[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :3]
@@ -172,12 +194,20 @@ def _misfits(fit: TemplateFit, windows: Windows) -> Bools:
     borders = np.array([0, side // 4])
     inside = (np.arange(side) >= borders[:, None]) & (np.arange(side)[::-1] >= borders[:, None])
     share = inside[:, :, None] & inside[:, None, :]
-    pixels = windows.signal[:, 1:-1, 1:-1].reshape(len(fit.flux), -1)
+    pixels = windows.signal[:, 1:-1, 1:-1]
+    if windows.kept is not None:
+        pixels = pixels * windows.kept[:, 1:-1, 1:-1]
+    pixels = pixels.reshape(len(fit.flux), -1)
     total = (pixels @ share.reshape(2, -1).T.astype(pixels.dtype)).astype(np.float64)
     half, count = side / 2 - borders, (side - 2 * borders) ** 2
     end = np.stack([half, -half])[:, :, None, None]
-    upper, lower = ndtr((end - fit.centre) / fit.width)
-    held = fit.flux * np.prod(upper - lower, axis=2)
+    if windows.kept is None:
+        upper, lower = ndtr((end - fit.centre) / fit.width)
+        held = fit.flux * np.prod(upper - lower, axis=2)
+    else:
+        at = Templates.of(side, fit.centre, fit.width, pixels.dtype, free=False)
+        seen = (at.light * windows.kept[:, 1:-1, 1:-1]).reshape(len(pixels), -1)
+        held = fit.flux * (seen @ share.reshape(2, -1).T.astype(pixels.dtype)).T
     variance = (
         count[:, None] * noise.floor
         + noise.per_dn * np.maximum(total.T, 0.0)

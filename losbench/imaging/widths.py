@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Floats, Indices
 from losbench.imaging.engine import Engine
-from losbench.imaging.flags import saturated
 from losbench.imaging.grey import grey
 from losbench.imaging.places import evenly
 from losbench.imaging.protocols import Windows
+from losbench.imaging.scrutiny import asks, look_into
 from losbench.imaging.template import fit_template
 
 __all__ = ["spot_widths"]
@@ -78,7 +78,7 @@ def _fitted(
     if not some.size:
         return np.tile(guess, (n_spots, 1))
     cut = engine.cut(stack, frame[some], middle[some])
-    usable = np.isfinite(cut.signal).all(axis=(1, 2)) & ~saturated(cut, cut.plane.level)
+    usable = np.isfinite(cut.signal).all(axis=(1, 2)) & ~cut.saturated
     if cut.missing is not None:
         usable &= ~cut.missing.any(axis=(1, 2))
     if not usable.any():
@@ -93,8 +93,12 @@ def _fitted(
         middle[some][usable],
         cut.noise.of(usable),
         np.tile(guess, (len(signal), 1)),
+        leave=side / 3.0,
     )
-    fit = fit_template(windows, free=True, tolerance=1e-5, max_iter=_STEPS, leave=side / 3.0)
+    fit = fit_template(windows, free=True, tolerance=1e-5, max_iter=_STEPS)
+    asking = np.flatnonzero(asks(windows, fit.estimate(windows)))
+    if asking.size:
+        fit.put(asking, look_into(windows.of(asking)).fit)
     with np.errstate(divide="ignore", invalid="ignore"):
         significance = np.nan_to_num(fit.flux / np.sqrt(fit.variance[:, 0]), posinf=1e9)
     bright = significance >= _FAINTEST

@@ -181,15 +181,19 @@ def test_what_is_wrong_is_flagged(method):
     xy = np.array([[20.0, 20.0], [50.0, 20.0], [80.0, 20.0], [3.0, 50.0], [50.0, 50.0]])
     image = lb.render_spots(xy, [3e4, 60.0, 3e6, 3e4, 3e4], 2.0, (70, 110)) + BACKGROUND_E
     frame = CAMERA.expose(image, rng).astype(np.float32)
-    frame[50, 51] = np.nan
+    frame[50, 51], frame[45:55, 72:78] = np.nan, np.nan
+    xy = np.concatenate([xy, [[76.0, 50.0]]])
     found = lb.centroid(frame, xy, method=method, window=13, noise=CAMERA, full_scale_dn=60000.0)
     flags = [SpotFlag(int(bits)) for bits in found.flags]
     assert flags[0] == 0
     assert SpotFlag.TOO_FAINT in flags[1]
     assert SpotFlag.SATURATED in flags[2]
     assert SpotFlag.EDGE in flags[3]
-    assert flags[4] == SpotFlag.MISSING
-    np.testing.assert_array_equal(np.isnan(found.xy).any(axis=1), [False, True, False, True, True])
+    assert flags[4] == SpotFlag.BAD_PIXEL and flags[5] == SpotFlag.MISSING
+    lost = [False, True, False, True, False, True]
+    np.testing.assert_array_equal(np.isnan(found.xy).any(axis=1), lost)
+    assert found.n_bad[4] == 1 and not found.n_bad[[0, 5]].any()
+    assert (np.abs(found.xy[4] - xy[4]) < 4 * found.sigma_xy[4]).all()
 
 
 @pytest.mark.parametrize("method", TEMPLATES)

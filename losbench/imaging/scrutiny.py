@@ -1,0 +1,242 @@
+"""Bad pixels and neighbours that nobody has told of, found by what a template leaves over.
+
+Only spots whose residual asks for it are looked into: a clean round spot costs a glance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from losbench.arrays import Bools, Floats, Ints, Pixels
+from losbench.imaging.columns import Templates
+from losbench.imaging.noise import PixelNoise
+from losbench.imaging.protocols import Estimate, Windows
+from losbench.imaging.template import TemplateFit, fit_template
+from losbench.units import SIGMA_PER_MAD
+
+__all__ = ["Looked", "asks", "look_into", "lopsided", "unexplained"]
+
+
+_SURE = 5.5  # errors: one false pixel in some 10 000 windows
+_SURE_OF_UNKNOWN = 6.0  # where the shot noise is not known
+_MODEL = 0.03  # of its light that a template may be wrong by in every pixel
+_TURNED = 0.06  # of light, by which it is wrong between pixels
+_POINTED = 2.5  # times the third of its 3 x 3 neighbours
+_ROUNDS = 4
+_STEPS = 25
+_CLOSE = 4e-3  # pixels squared: a twentieth of a pixel is near enough to judge pixels
+_LINE = 22.0  # errors of the mean of a row
+_LINE_SCATTERS = 4.0
+_MOST = 0.15  # of a window's pixels; where more stand out, it is the shape
+_UNEXPLAINED = 0.3  # of the light; beyond it a template tells nothing of pixels
+_OF_PEAK = 0.02  # of light on one side only
+_OUTSIDE = 1.5  # sigma of the spot
+_LONE = 0.7  # of the light of 3 x 3 pixels in one of them
+
+
+@dataclass(frozen=True)
+class Looked:
+    """Windows that were looked into: the pixels to keep and the rows and columns that were left out
+    (M, S + 2, S + 2), how many pixels stood out (M,), and the template fitted to the others.
+    """
+
+    kept: Pixels
+    lines: Bools
+    n_bad: Ints
+    fit: TemplateFit
+
+
+def asks(windows: Windows, found: Estimate) -> Bools:
+    """Whether a pixel stands out of the template, or of the light on the spot's other side (M,)."""
+    pixels = windows.signal
+    if found.width is not None:
+        pixels = pixels[:, 1:-1, 1:-1]
+        at = Templates.of(windows.side, found.centroid, found.width, pixels.dtype, free=False)
+        model = at.light
+        model *= found.flux.astype(model.dtype)[:, None, None]
+        rest = pixels - model
+        variance = _variance(model, windows.noise)
+    else:
+        turned = _turned(pixels, np.nan_to_num(found.centroid))
+        rest = pixels - turned
+        variance = _variance(np.maximum(pixels, turned), windows.noise, _TURNED)
+        variance *= 2.0
+    rest *= rest
+    if windows.kept is not None:
+        rest *= windows.kept[:, 1:-1, 1:-1]
+    variance *= _sure(windows.noise) ** 2
+    return np.asarray((rest > variance).any(axis=(1, 2)))
+
+
+def look_into(windows: Windows) -> Looked:
+    """Mask the pixels that stand out of a template, in up to four rounds.
+
+    A pixel stands out by 5.5 errors, and half as much as the worst, from the median of what its
+    3 x 3 neighbours leave over: a wrong shape leaves the same over in all of them. So does a row or
+    a column whose median does. Where that is more than 15 % of a window, it is the shape.
+    """
+    first = np.ones_like(windows.signal) if windows.kept is None else windows.kept
+    kept, lines = first.copy(), np.zeros(first.shape, dtype=bool)
+    # The width of the call first: a free one would shrink onto a pixel brighter than the spot.
+    width = np.where(np.isfinite(windows.width), windows.width, windows.side / 6.0)
+    windows = replace(windows, width=width)
+    fit = fit_template(replace(windows, kept=kept), tolerance=_CLOSE, max_iter=_STEPS)
+    looking = np.arange(len(kept))
+    for _ in range(_ROUNDS):
+        rest = _rest(windows.of(looking), fit.of(looking)) * first[looking]
+        line = _lines(rest) & ~lines[looking]
+        single = _singles(rest * kept[looking]) & ~line.any(axis=(1, 2), keepdims=True)
+        new = (line | single) & (kept[looking] > 0)
+        lines[looking] |= line
+        kept[looking] *= ~new
+        part = windows.of(looking)
+        clean = replace(part, kept=kept[looking])
+        freed = fit_template(clean, free=True, tolerance=_CLOSE, max_iter=_STEPS)
+        fit.put(looking, freed)
+        looking = looking[new.any(axis=(1, 2))]
+        if not looking.size:
+            break
+    if not windows.noise.per_dn:
+        doubtful = (first > kept) & ~lines & ~_beyond_shot_noise(windows, fit, kept)
+        kept[doubtful] = first[doubtful]
+    inner = (slice(None), slice(1, -1), slice(1, -1))
+    singles = ((first > kept) & ~lines)[inner].mean(axis=(1, 2))
+    shape: Bools = ~fit.converged | (singles > _MOST)
+    shape |= unexplained(windows, fit, kept) > _UNEXPLAINED
+    kept[shape], lines[shape] = first[shape], False
+    n_bad = ((first > kept)[inner]).sum(axis=(1, 2), dtype=np.int64)
+    return Looked(kept, lines, n_bad, fit)
+
+
+def unexplained(windows: Windows, fit: TemplateFit, kept: Pixels | None = None) -> Floats:
+    """Share of the light of M windows that a template does not explain and noise does not either:
+    the root of max(sum r^2 - sum V, 0) over sum m^2.
+    """
+    pixels = windows.signal[:, 1:-1, 1:-1]
+    weight = 1.0 if kept is None else kept[:, 1:-1, 1:-1]
+    model = _model(windows, fit, 0)
+    variance = _variance(model, windows.noise, 0.0)
+    excess = (((pixels - model) ** 2 - variance) * weight).sum(axis=(1, 2), dtype=np.float64)
+    light = (model**2 * weight).sum(axis=(1, 2), dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.nan_to_num(np.sqrt(np.maximum(excess, 0.0) / light), nan=np.inf)
+
+
+def lopsided(stamps: Pixels, kept: Pixels, windows: Windows, fit: TemplateFit) -> Bools:
+    """Whether light stands on one side of M spots that is not on the other (M,).
+
+    Stamps (M, T, T) without background hold window and ring. What the template leaves over, minus
+    itself turned by 180 degrees about the spot: the mean of 3 x 3 pixels beyond 1.5 sigma by 5.5
+    errors and 2 % of the peak, unless one pixel holds 70 % of it.
+    """
+    import cv2
+
+    size = stamps.shape[1]
+    at = Templates.of(size, fit.centre, fit.width, stamps.dtype, free=False)
+    model = at.light * fit.flux.astype(stamps.dtype)[:, None, None]
+    rest = (stamps - model) * kept
+    apart = rest - _turned(rest, fit.centre)
+    apart *= kept * (_turned(kept, fit.centre) > 0.99)
+    tall = np.ascontiguousarray(apart.reshape(-1, size), dtype=np.float32)
+    mean = cv2.blur(tall, (3, 3)).reshape(apart.shape)
+    highest = cv2.dilate(tall, np.ones((3, 3), np.uint8)).reshape(apart.shape)
+    noise = windows.noise
+    variance = noise.floor[:, None, None] + noise.per_dn * np.maximum(model, 0.0)
+    error = np.sqrt(2.0 * np.maximum(variance, 0.0) / 9.0)
+    offset = np.arange(size) - size // 2
+    arms = (offset - fit.centre[:, :, None]) / fit.width[:, :, None]
+    far = arms[:, 1, :, None] ** 2 + arms[:, 0, None, :] ** 2 > _OUTSIDE**2
+    peak = model.max(axis=(1, 2), keepdims=True)
+    more = (mean > _SURE * error) & (mean > _OF_PEAK * peak) & (highest < _LONE * 9.0 * mean) & far
+    return more[:, 1:-1, 1:-1].any(axis=(1, 2))
+
+
+def _turned(images: Pixels, centre: Floats) -> Pixels:
+    """Images turned by 180 degrees about their centres, linearly between pixels."""
+    size = images.shape[1]
+    offset = np.arange(size) - size // 2
+    away = 2.0 * centre[:, :, None, None] - offset[:, None] - offset
+    share = np.maximum(1.0 - np.abs(away), 0.0).astype(images.dtype)
+    turned: Pixels = share[:, 1] @ images @ share[:, 0].swapaxes(1, 2)
+    return turned
+
+
+def _sure(noise: PixelNoise) -> float:
+    return _SURE if noise.per_dn else _SURE_OF_UNKNOWN
+
+
+def _model(windows: Windows, fit: TemplateFit, margin: int) -> Pixels:
+    side, dtype = windows.side + 2 * margin, windows.signal.dtype
+    at = Templates.of(side, fit.centre, fit.width, dtype, free=False)
+    light: Pixels = at.light * fit.flux.astype(dtype)[:, None, None]
+    return light
+
+
+def _variance(model: Pixels, noise: PixelNoise, share: float = _MODEL) -> Pixels:
+    """Variance of a pixel, and of a template that is wrong by that share of its light."""
+    variance = model * model
+    variance *= share**2
+    if noise.per_dn:
+        variance += noise.per_dn * np.maximum(model, 0.0)
+    variance += noise.floor.astype(model.dtype)[:, None, None]
+    return variance
+
+
+def _rest(windows: Windows, fit: TemplateFit) -> Pixels:
+    """What a template leaves over of window and margin, in errors."""
+    model = _model(windows, fit, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rest = (windows.signal - model) / np.sqrt(_variance(model, windows.noise))
+    return np.nan_to_num(rest, posinf=0.0, neginf=0.0)
+
+
+def _beyond_shot_noise(windows: Windows, fit: TemplateFit, kept: Pixels) -> Bools:
+    """Pixels that still stand out where the shot noise is not known: by the gain that the other
+    pixels of the spot tell of.
+    """
+    model, floor = _model(windows, fit, 1), windows.noise.floor[:, None, None]
+    square = (windows.signal - model) ** 2
+    light = np.maximum(model, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        per_dn = ((square - floor) * light * kept).sum(axis=(1, 2), keepdims=True) / (
+            light**2 * kept
+        ).sum(axis=(1, 2), keepdims=True)
+    shot = np.maximum(np.nan_to_num(per_dn), 0.0) * light
+    return np.asarray(square > _sure(windows.noise) ** 2 * (_variance(model, windows.noise) + shot))
+
+
+def _singles(rest: Pixels) -> Bools:
+    """Pixels that stand out of their 3 x 3 neighbours, one of which may be as bad."""
+    around = sliding_window_view(np.pad(rest, ((0, 0), (1, 1), (1, 1))), (3, 3), axis=(1, 2))
+    ranked = np.sort(around.reshape(*rest.shape, 9), axis=-1)
+    apart = np.abs(rest - ranked[..., 4])
+    worst = apart[:, 1:-1, 1:-1].max(axis=(1, 2))
+    # Light of another spot is less pointed: its third brightest pixel is nearly as bright.
+    third = np.where(rest > 0, ranked[..., -3], -ranked[..., 2])
+    found: Bools = apart > np.maximum(_SURE, 0.5 * worst)[:, None, None]
+    return found & (np.abs(rest) > _POINTED * third)
+
+
+def _lines(rest: Pixels) -> Bools:
+    """The worst row or column whose median stands out of the others'."""
+    found, inner = np.zeros(rest.shape, dtype=bool), rest[:, 1:-1, 1:-1]
+    least, middle = _LINE / np.sqrt(inner.shape[1]), inner.shape[1] // 2
+    for axis in (1, 2):
+        medians = np.sort(inner, axis=3 - axis).take(middle, axis=3 - axis)
+        apart = medians - np.sort(medians, axis=1)[:, middle, None]
+        scatter = SIGMA_PER_MAD * np.sort(np.abs(apart), axis=1)[:, middle]
+        worst = np.abs(apart).argmax(axis=1)
+        each = np.arange(len(rest))
+        height = apart[each, worst]
+        out = np.abs(height) > np.maximum(least, _LINE_SCATTERS * scatter)
+        # Light of another spot stands as well in the lines beside it.
+        beside = np.pad(apart, ((0, 0), (1, 1)))[each[:, None], worst[:, None] + (0, 2)]
+        out &= np.abs(height) > _POINTED * (np.sign(height)[:, None] * beside).max(axis=1)
+        where = (
+            (each[out], slice(None), worst[out] + 1) if axis == 2 else (each[out], worst[out] + 1)
+        )
+        found[where] = True
+    return found

@@ -1,0 +1,129 @@
+"""Bad pixels, saturated cores and neighbours: what is masked, what it costs, and what is flagged by
+mistake.
+"""
+
+import numpy as np
+import pytest
+from noisy_spots import CAMERA, rms, spots
+
+import losbench as lb
+
+SIDE = 43
+METHODS = (lb.Weighted(2.0, window=13), lb.Likelihood(2.0, window=13))
+
+
+def frames(count=200, *, sigma=2.0, amplitude=1000.0, noise=3.0, seed=0, also=None):
+    """Frames (F, 43, 43) of one spot, or of one and another ``also`` (brightness, pixels away)."""
+    rng = np.random.default_rng(seed)
+    xy = SIDE // 2 + rng.uniform(-0.5, 0.5, (count, 1, 2))
+    light = lb.render_spots(xy, amplitude * 2 * np.pi * sigma**2, sigma, (SIDE, SIDE))
+    if also is not None:
+        share, away = also
+        turn = rng.uniform(0.0, 2.0 * np.pi, (count, 1))
+        other = xy + away * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        flux = share * amplitude * 2 * np.pi * sigma**2
+        light += lb.render_spots(other, flux, sigma, (SIDE, SIDE))
+    return (light + rng.normal(100.0, noise, light.shape)).astype(np.float32), xy
+
+
+def share(found, flag):
+    return float((found.flags & flag > 0).mean())
+
+
+def dead(image, y, x):
+    image[:, y, x] = 0.0
+
+
+def hot(image, y, x):
+    image[:, y, x] += 600.0
+
+
+def unread(image, y, x):
+    image[:, y, x] = np.nan
+
+
+def bright_row(image, y, x):
+    image[:, y] += 80.0
+
+
+def dead_column(image, y, x):
+    image[:, :, x] = 0.0
+
+
+@pytest.mark.parametrize("method", METHODS, ids=["weighted", "likelihood"])
+@pytest.mark.parametrize(
+    ("spoil", "count"),
+    [(dead, 1), (hot, 1), (unread, 1), (bright_row, 13), (dead_column, 13)],
+)
+@pytest.mark.parametrize(("dx", "dy"), [(0, 0), (3, -1), (1, 2)])
+def test_a_bad_pixel_costs_less_than_one_error_and_is_counted(method, spoil, count, dx, dy):
+    image, xy = frames()
+    spoil(image, SIDE // 2 + dy, SIDE // 2 + dx)
+    found = lb.centroid(image, np.full((200, 1, 2), SIDE // 2), method=method)
+    error = found.xy - xy
+    assert np.abs(error.mean(axis=(0, 1))).max() < found.sigma_xy.mean()
+    assert rms(error / found.sigma_xy) == pytest.approx(1.0, abs=0.15)
+    assert share(found, lb.SpotFlag.BAD_PIXEL) > 0.99
+    assert np.median(found.n_bad) == count
+    assert share(found, lb.SpotFlag.NEIGHBOUR) < 0.02
+
+
+def test_a_moment_has_no_model_to_fill_a_pixel_with_and_says_so():
+    image, _ = frames()
+    dead(image, SIDE // 2, SIDE // 2)
+    found = lb.centroid(image, [[SIDE // 2, SIDE // 2]], method=lb.EIWA(13))
+    assert share(found, lb.SpotFlag.BAD_PIXEL) > 0.99
+
+
+@pytest.mark.parametrize(("sigma", "snr"), [(1.5, 100), (2.0, 30), (3.0, 10)])
+@pytest.mark.parametrize("kind", [lb.Weighted, lb.Likelihood, lb.EIWA])
+def test_clean_spots_are_left_alone(kind, sigma, snr):
+    """At most 5 in 10 000 masked, less than 1 in 200 with a neighbour."""
+    image, xy, _ = spots(sigma, snr, n=2000, seed=3)
+    method = kind(window=int(6 * sigma) | 1)
+    for detector in (CAMERA, None):
+        found = lb.centroid(image, np.rint(xy), method=method, detector=detector)
+        assert (found.flags & lb.SpotFlag.BAD_PIXEL > 0).sum() <= 1
+        assert share(found, lb.SpotFlag.NEIGHBOUR) < 0.005
+
+
+@pytest.mark.parametrize("beta", [1.5, 2.5, 4.0])
+def test_wings_of_a_moffat_are_no_bad_pixels(beta):
+    rng = np.random.default_rng(1)
+    fine = (np.arange(5 * SIDE) + 0.5) / 5 - 0.5
+    xy = SIDE // 2 + rng.uniform(-0.5, 0.5, (300, 1, 2))
+    square = (fine[:, None] - xy[..., 1:]) ** 2 + (fine - xy[..., :1]) ** 2
+    light = 1000.0 * (1.0 + square / 9.0) ** -beta
+    image = light.reshape(300, SIDE, 5, SIDE, 5).mean(axis=(2, 4))
+    image = (image + rng.normal(100.0, 3.0, image.shape)).astype(np.float32)
+    for method in (lb.Weighted(window=13), lb.Likelihood(window=13)):
+        found = lb.centroid(image, np.rint(xy), method=method)
+        assert share(found, lb.SpotFlag.BAD_PIXEL) == 0.0
+        assert share(found, lb.SpotFlag.NEIGHBOUR) < 0.005
+
+
+@pytest.mark.parametrize(
+    "also", [(0.03, 6), (0.03, 7), (0.1, 5), (0.3, 4), (0.3, 7), (1.0, 11), (3.0, 6), (10.0, 7)]
+)
+@pytest.mark.parametrize("method", [*METHODS, lb.EIWA(13)], ids=["weighted", "likely", "eiwa"])
+def test_light_of_another_spot_is_flagged_and_not_masked(method, also):
+    """Fainter ones beside the spot, and brighter ones that have captured it."""
+    image, xy = frames(also=also)
+    found = lb.centroid(image, np.rint(xy), method=method)
+    least = 0.8 if isinstance(method, lb.EIWA) and also[0] == 0.03 else 0.98
+    assert share(found, lb.SpotFlag.NEIGHBOUR) > least
+
+
+@pytest.mark.parametrize("peak", [0.9, 1.5, 4.0])
+def test_a_saturated_core_is_masked_and_the_error_stays_honest(peak):
+    rng = np.random.default_rng(4)
+    xy = SIDE // 2 + rng.uniform(-0.5, 0.5, (600, 1, 2))
+    detector = lb.Detector(gain_e_per_dn=4.0, read_noise_e=12.0, offset_dn=50.0, bits=12)
+    flux = 4.0 * peak * 4045.0 * 2 * np.pi * 1.5**2
+    light = lb.render_spots(xy, flux, 1.5, (SIDE, SIDE)) + 100.0
+    image = detector.expose(light, rng)
+    method = lb.Likelihood(1.5, window=11)
+    found = lb.centroid(image, np.rint(xy), method=method, detector=detector)
+    assert share(found, lb.SpotFlag.SATURATED) == (1.0 if peak > 1.2 else 0.0)
+    assert rms((found.xy - xy) / found.sigma_xy) == pytest.approx(1.0, abs=0.15)
+    assert 1e3 * rms(found.xy - xy) < 8.0
