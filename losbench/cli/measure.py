@@ -82,6 +82,12 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         metavar="STANDARD=OWN",
         help="name of a log column, e.g. temperature_degC=T1",
     )
+    parser.add_argument(
+        "--window-s",
+        type=float,
+        metavar="SECONDS",
+        help="windows of the pointing metrics (a tenth of the record)",
+    )
     add_choices(parser)
     add_workers(parser)
     add_dialect(parser)
@@ -140,7 +146,14 @@ def _run(options: argparse.Namespace) -> int:
             EIWA(centroid.window) if centroid.template else Weighted(window=centroid.window),
             background=background,
         )
-        lines = write_report(measurement, results, recording=recording, other=other, made=made)
+        lines = write_report(
+            measurement,
+            results,
+            recording=recording,
+            other=other,
+            made=made,
+            window_s=options.window_s,
+        )
         if not options.quiet:
             print("\n".join(lines))
     return 0

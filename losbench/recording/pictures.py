@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Floats
-from losbench.pointing.thermal import SensitivityFit
+from losbench.pointing.performance import PointingMetrics
 from losbench.recording.measurement import Measurement
+from losbench.recording.performance import METRICS
 from losbench.recording.readers import Recording
-from losbench.recording.sensitivity import AXES, temperature_columns, timed
+from losbench.recording.sensitivity import AXES, Sensitivity, temperature_columns
 from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
@@ -20,8 +21,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "angles_figure",
+    "compensated_figure",
     "frame_figure",
     "leftover_figure",
+    "metrics_figure",
     "over_temperature_figure",
     "shifts_figure",
     "temperature_figure",
@@ -113,26 +116,71 @@ def angles_figure(measurement: Measurement) -> Figure:
     return fig
 
 
-def over_temperature_figure(measurement: Measurement, fit: SensitivityFit) -> Figure:
+def over_temperature_figure(measurement: Measurement, fit: Sensitivity) -> Figure:
     """The angle about each axis over the temperature, and the fit."""
-    column = temperature_columns(measurement.table)[0]
-    table = measurement.table[timed(measurement.table)]
-    celsius = table[column].to_numpy()
-    lagged = bool((fit.lag_s > 0).any())
-    model = fit.predict(celsius, time_s=table["time_s"].to_numpy() if lagged else None)
-    fig, axes = _one_below_another(3, f"{column.removesuffix('_degC')} (degC)")
+    table = measurement.table
+    celsius = table[fit.column].to_numpy()
+    lagged = any(fit.lag_s > 0)
+    fig, axes = _one_below_another(3, f"{fit.column.removesuffix('_degC')} (degC)")
     for i, (axis, name) in enumerate(zip(axes, AXES, strict=True)):
         many = len(celsius) > _MANY
         axis.plot(celsius, table[f"{name}_arcsec"], ".", ms=3, label="measured", rasterized=many)
         axis.plot(
             celsius,
-            rad_to_arcsec(model[:, i]),
+            rad_to_arcsec(fit.predicted[:, i]),
             lw=1.2,
             label="fit with lag" if lagged else "fit",
             rasterized=many,
         )
         axis.set_ylabel(f"about {AXES[name]} (arcsec)")
     axes[0].legend()
+    return fig
+
+
+def compensated_figure(measurement: Measurement, fit: Sensitivity) -> Figure:
+    """Over time, each angle beside what the temperature predicts, and what that leaves over."""
+    from matplotlib.figure import Figure
+
+    along, label = _abscissa(measurement)
+    table, many = fit.compensated(measurement.table), len(measurement.table) > _MANY
+    fig = Figure(figsize=(8.0, 6.6))
+    axes = fig.subplots(3, 2, sharex=True)
+    far = np.zeros((len(table), 3), dtype=bool)
+    far[fit.used] = fit.found.rejected
+    for i, (row, name) in enumerate(zip(axes, AXES, strict=True)):
+        row[0].plot(along, table[f"{name}_arcsec"], ".", ms=3, label="measured", rasterized=many)
+        predicted = rad_to_arcsec(fit.predicted[:, i])
+        row[0].plot(along, predicted, lw=1.2, label="by temperature", rasterized=many)
+        row[0].set_ylabel(f"about {AXES[name]} (arcsec)")
+        left = table[f"{name}_compensated_arcsec"].to_numpy()
+        row[1].plot(along, left, ".", ms=3, rasterized=many)
+        row[1].plot(along[far[:, i]], left[far[:, i]], "x", color="#D55E00", label="set aside")
+        row[1].set_ylabel("left over (arcsec)")
+    axes[0, 0].legend()
+    if far.any():
+        axes[int(np.argmax(far.any(axis=0))), 1].legend()
+    for axis in axes[-1]:
+        axis.set_xlabel(label)
+    return fig
+
+
+def metrics_figure(found: PointingMetrics) -> Figure:
+    """Each pointing metric of each axis with its interval."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(8.0, 3.4))
+    axis = fig.subplots()
+    place = np.arange(len(METRICS))
+    for i, (name, mark) in enumerate(zip(AXES.values(), "os^", strict=True)):
+        metrics = [getattr(found, key) for key in METRICS]
+        value = rad_to_arcsec(np.array([metric.value[i] for metric in metrics]))
+        low, high = rad_to_arcsec(np.array([metric.interval[i] for metric in metrics])).T
+        at = place + 0.18 * (i - 1)
+        (line,) = axis.plot(at, value, mark, ms=5, label=f"about {name}")
+        axis.vlines(at, low, high, color=line.get_color(), lw=1.5)
+    axis.set_xticks(place, [key.upper() if len(key) == 3 else key for key in METRICS])
+    axis.set(ylabel=f"windows of {found.window_s:.4g} s (arcsec)", yscale="log")
+    axis.legend(ncols=3)
     return fig
 
 

@@ -3,27 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from losbench.__about__ import __version__
 from losbench.made import Made
 from losbench.outputs import Claim, into
 from losbench.page import Answer, Picture, page, replies_to_dict
-from losbench.pointing.thermal import SensitivityFit
-from losbench.recording import pictures, sensitivity
+from losbench.pointing.performance import PointingMetrics
+from losbench.recording import pictures
 from losbench.recording.measurement import Measurement
+from losbench.recording.performance import metric_numbers, metric_sentences, metrics_of
 from losbench.recording.readers import Recording
 from losbench.recording.sections import CHAPTERS, Told, answers
+from losbench.recording.sensitivity import Sensitivity, sensitivity_of, temperature_columns
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["WRITTEN", "write_report"]
 
 WRITTEN = (
     "measurement.csv",
+    "sensitivity.csv",
+    "metrics.csv",
     "frame.png",
     "shifts.png",
     "angles.png",
     "leftover.png",
     "temperature.png",
     "angles-over-temperature.png",
+    "compensated.png",
+    "metrics.png",
     "report.html",
 )
 
@@ -35,11 +45,13 @@ def write_report(
     recording: Recording,
     other: Measurement | None = None,
     made: Made | None = None,
+    window_s: float | None = None,
 ) -> list[str]:
     """Write ``measurement.csv``, pictures, ``report.html``, and ``report.json``.
 
     The page shows all that there is, on its own and without a network. With a camera there are
-    angles, with temperatures the sensitivity of each axis comes too.
+    angles, with times ``metrics.csv``, with temperatures ``sensitivity.csv`` and the angles less
+    what goes with the first of them, in columns of the table.
 
     Parameters
     ----------
@@ -53,6 +65,8 @@ def write_report(
         The same spots by another centroid, for `Measurement.belief`.
     made : Made, optional
         The command and its settings, for the page's last chapter.
+    window_s : float, optional
+        Length of the windows of the pointing metrics; a tenth of the record unless given.
 
     Returns
     -------
@@ -62,17 +76,27 @@ def write_report(
     from losbench.figures import styled
 
     table, name = measurement.table, recording.source.resolve().name
-    belief, fit = measurement.belief(other), sensitivity.sensitivity_of(measurement)
-    said = belief.sentences() + ([] if fit is None else sensitivity.sentences(fit, table))
+    belief, fit = measurement.belief(other), sensitivity_of(measurement)
+    metrics = metrics_of(measurement, window_s)
+    said = belief.sentences()
+    if fit is not None:
+        said += [*fit.sentences(), *fit.notes()]
+        table = fit.compensated(table)
+    if metrics is not None:
+        said += [*metric_sentences(metrics), *metrics.notes]
     counted = f"{len(table)} frames, {len(measurement.reference_px)} spots: {name}"
     with styled():
-        drawn = _pictures(measurement, recording, fit)
-        told = Told(measurement, recording, belief, fit, drawn, made or Made())
+        drawn = _pictures(measurement, recording, fit, metrics)
+        told = Told(measurement, recording, belief, fit, drawn, made or Made(), metrics)
         replies = answers(told)
         files: dict[str, str | bytes] = {
             "report.html": _page(told, replies, counted),
-            "measurement.csv": table.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
+            "measurement.csv": _csv(table),
         }
+        if fit is not None:
+            files["sensitivity.csv"] = _csv(_by_axis(fit.found.table()))
+        if metrics is not None:
+            files["metrics.csv"] = _csv(_by_axis(metrics.table()))
         files |= {f"{each}.png": picture.png() for each, picture in drawn.items()}
     report = {
         "losbench": __version__,
@@ -81,8 +105,10 @@ def write_report(
         "reference_px": measurement.reference_px.round(4).tolist(),
         "notes": list(measurement.notes),
         "belief": belief.to_dict(),
-        "sensitivity_to": None if fit is None else sensitivity.temperature_columns(table)[0],
-        "sensitivity": None if fit is None else sensitivity.numbers(fit, table),
+        "sensitivity_to": None if fit is None else fit.column,
+        "sensitivity": None if fit is None else fit.numbers(),
+        "sensitivity_notes": [] if fit is None else fit.notes(),
+        "pointing": None if metrics is None else metric_numbers(metrics),
         "made": told.made.to_dict(),
     }
     with into(folder, WRITTEN) as results:
@@ -100,12 +126,29 @@ def _page(told: Told, replies: list[Answer], counted: str) -> str:
         replies,
         {question: [say(told) for say in parts] for question, parts in CHAPTERS.items()},
         made=told.made,
-        files=["measurement.csv", "report.json", *(f"{each}.png" for each in told.pictures)],
+        files=[
+            "measurement.csv",
+            *["sensitivity.csv"] * (told.sensitivity is not None),
+            *["metrics.csv"] * (told.metrics is not None),
+            "report.json",
+            *(f"{each}.png" for each in told.pictures),
+        ],
     )
 
 
+def _csv(table: pd.DataFrame) -> str:
+    return str(table.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
+
+
+def _by_axis(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(axis=["XYZ"[i - 1] for i in table["axis"]])
+
+
 def _pictures(
-    measurement: Measurement, recording: Recording, fit: SensitivityFit | None
+    measurement: Measurement,
+    recording: Recording,
+    fit: Sensitivity | None,
+    metrics: PointingMetrics | None,
 ) -> dict[str, Picture]:
     drawn = {
         "frame": Picture(
@@ -131,7 +174,7 @@ def _pictures(
             "Shift less that of a camera that only turns, on the detector.",
             pictures.leftover_figure(measurement),
         )
-    if sensitivity.temperature_columns(measurement.table):
+    if temperature_columns(measurement.table):
         drawn["temperature"] = Picture(
             "Temperatures over time",
             "Every sensor, at the frames.",
@@ -142,5 +185,17 @@ def _pictures(
             "Angles over temperature",
             "What was measured and what the fitted sensitivity says.",
             pictures.over_temperature_figure(measurement, fit),
+        )
+        drawn["compensated"] = Picture(
+            "Angles compensated for temperature",
+            "Measured and predicted by the temperature, and what that leaves over.",
+            pictures.compensated_figure(measurement, fit),
+        )
+    if metrics is not None:
+        drawn["metrics"] = Picture(
+            "Pointing metrics",
+            "How far the line of sight is off, moves and shakes within a window, with 95 % "
+            "intervals.",
+            pictures.metrics_figure(metrics),
         )
     return drawn

@@ -14,12 +14,12 @@ import numpy as np
 from losbench.imaging.results import SpotFlag
 from losbench.made import Made
 from losbench.page import QUESTIONS, Answer, Picture, section, sentences, table
-from losbench.pointing.thermal import SensitivityFit
+from losbench.pointing.performance import PointingMetrics
 from losbench.recording.belief import Belief
 from losbench.recording.measurement import Measurement
+from losbench.recording.performance import METRICS, metric_sentences
 from losbench.recording.readers import Recording
-from losbench.recording.sensitivity import AXES, numbers, temperature_columns
-from losbench.recording.sensitivity import sentences as of_sensitivity
+from losbench.recording.sensitivity import AXES, Sensitivity, temperature_columns
 from losbench.units import rad_to_arcsec
 
 __all__ = ["CHAPTERS", "Told", "answers"]
@@ -36,9 +36,10 @@ class Told:
     measurement: Measurement
     recording: Recording
     belief: Belief
-    sensitivity: SensitivityFit | None
+    sensitivity: Sensitivity | None
     pictures: Mapping[str, Picture] = field(default_factory=dict)
     made: Made = field(default_factory=Made)
+    metrics: PointingMetrics | None = None
 
 
 def answers(told: Told) -> list[Answer]:
@@ -72,7 +73,7 @@ def _counted(n: int) -> str:
 
 def _number(told: Told) -> Answer:
     if told.sensitivity is not None:
-        found = numbers(told.sensitivity, told.measurement.table)
+        found = told.sensitivity.numbers()
         sizes = {AXES[axis]: each["arcsec_per_degC"] for axis, each in found.items()}
         known = {
             AXES[axis]: abs(each["arcsec_per_degC"])
@@ -126,7 +127,6 @@ def _changes(told: Told) -> list[str]:
     """What would change the numbers, the most telling first."""
     measurement, fit, lines = told.measurement, told.sensitivity, []
     if fit is not None:
-        column = temperature_columns(measurement.table)[0]
         untold = [
             AXES[a]
             for a, state in zip(AXES, fit.lag_state, strict=True)
@@ -138,7 +138,7 @@ def _changes(told: Told) -> list[str]:
                 "lags behind the temperature, and the sensitivity depends on that."
             )
         lines.append(
-            f"Another sensor: the sensitivity is to {column}, the first of "
+            f"Another sensor: the sensitivity is to {fit.column}, the first of "
             f"{len(temperature_columns(measurement.table))}."
         )
     elif measurement.attitude is not None:
@@ -201,35 +201,69 @@ def leftover(told: Told) -> str:
 
 def sensitivity(told: Told) -> str:
     """Sensitivity of each axis to the first temperature, and whether to trust it."""
-    if told.sensitivity is None:
+    fit = told.sensitivity
+    if fit is None:
         return ""
-    found = numbers(told.sensitivity, told.measurement.table)
     heads = [
         "axis",
         "sensitivity (arcsec/degC)",
         "95 % from",
         "to",
+        "by one lag",
         "lag (s)",
         "lag is",
+        "one lag fits, p",
         "left after compensation (arcsec rms)",
+        "frames set aside",
     ]
     rows = [
         [
             AXES[axis],
             each["arcsec_per_degC"],
             *each["interval_95_arcsec_per_degC"],
+            each["one_lag_arcsec_per_degC"],
             each["lag_s"],
             each["lag_state"],
+            _p(each["one_lag_p_value"]),
             each["rms_arcsec"],
+            each["rejected_frames"],
         ]
-        for axis, each in found.items()
+        for axis, each in fit.numbers().items()
     ]
-    column = temperature_columns(told.measurement.table)[0]
     return section(
         "Sensitivity to temperature",
-        table(heads, rows, caption=f"Sensitivity to {column}"),
-        sentences(of_sensitivity(told.sensitivity, told.measurement.table)),
+        table(heads, rows, caption=f"Sensitivity to {fit.column}, at rest"),
+        sentences([*fit.sentences(), *fit.notes()]),
+        _drawn(told, "compensated"),
         _drawn(told, "angles-over-temperature"),
+    )
+
+
+def metrics(told: Told) -> str:
+    """Pointing metrics of each axis."""
+    found = told.metrics
+    if found is None:
+        return ""
+    rows = []
+    for key in METRICS:
+        metric = getattr(found, key)
+        cells = [
+            [float(rad_to_arcsec(metric.value[i])), *map(float, rad_to_arcsec(metric.interval[i]))]
+            for i in range(3)
+        ]
+        rows.append(
+            [key.upper() if len(key) == 3 else key, *(cell for row in cells for cell in row)]
+        )
+    heads = [f"{name}{what}" for name in AXES.values() for what in (" (arcsec)", ", from", ", to")]
+    caption = (
+        f"Over {found.windows} windows of {found.window_s:.4g} s, with 95 % intervals; "
+        f"{found.dropped} dropped for gaps"
+    )
+    return section(
+        "Pointing metrics",
+        table(["metric", *heads], rows, caption=caption),
+        sentences([*metric_sentences(found), *found.notes]),
+        _drawn(told, "metrics"),
     )
 
 
@@ -291,9 +325,13 @@ def changes(told: Told) -> str:
 CHAPTERS: dict[str, list[Callable[[Told], str]]] = {
     _WORKED: [spots, notes],
     _BELIEF: [scatter, flags, leftover],
-    _NUMBER: [sensitivity, angles, shifts, temperatures],
+    _NUMBER: [sensitivity, metrics, angles, shifts, temperatures],
     _CHANGE: [changes],
 }
+
+
+def _p(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g}"
 
 
 def _drawn(told: Told, name: str) -> str:

@@ -101,6 +101,19 @@ def test_an_exact_record_gives_its_law_back():
     assert found.of == ("T1 lagged", "T2")
 
 
+@pytest.mark.parametrize("sigma", [0.0, 1e-3])
+def test_where_there_is_no_lag_none_is_left_in_the_residuals(sigma):
+    """A tenth of a step would leave a hundred times this noise."""
+    noise = sigma * np.random.default_rng(12).standard_normal(800)
+    found = lb.identify(Offset() + Lagged("T1"), arcsec_to_rad(-3.0 * ONE + noise), SENSORS, T)
+    assert rad_to_arcsec(found.residuals).std() == pytest.approx(noise.std(), rel=0.01, abs=1e-5)
+    assert found.sensitivity[0] == pytest.approx(-3.0, abs=1e-3)
+    if sigma:
+        assert found.tau_state.tolist() == ["no lag seen"]
+        assert found.tau_interval_s[0, 0] == 0.0
+        assert 6.0 <= found.tau_interval_s[0, 1] < 60.0
+
+
 def test_two_lags_at_once_and_a_gap_of_a_sensor():
     rng = np.random.default_rng(5)
     y = lagged(ONE, T, 1500.0) - 0.5 * lagged(TWO, T, 400.0) + 0.02 * rng.standard_normal(800)

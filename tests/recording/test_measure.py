@@ -412,6 +412,10 @@ def test_the_report_is_written_whole_with_its_sensitivity(simulated, tmp_path):
         "leftover.png",
         "temperature.png",
         "angles-over-temperature.png",
+        "sensitivity.csv",
+        "compensated.png",
+        "metrics.csv",
+        "metrics.png",
     }
     assert {path.name for path in tmp_path.iterdir()} == written
     said = [line for line in lines if "arcsec/degC" in line]

@@ -1,10 +1,10 @@
 """Numbers that the docstrings and files of recording promise, from either side."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import losbench as lb
@@ -12,7 +12,7 @@ from losbench.logs import FrameTimes, TemperatureLog
 from losbench.recording.angles import Angles
 from losbench.recording.belief import _TELLS, drift_slope
 from losbench.recording.readers import Recording
-from losbench.recording.sensitivity import _lag_s, at_rest
+from losbench.recording.sensitivity import sensitivity_of
 from losbench.recording.stamps import Stamp
 
 fits = pytest.importorskip("astropy.io.fits")
@@ -139,21 +139,16 @@ def test_a_slope_is_told_where_its_error_is_small_enough(times, told):
         assert found.error == pytest.approx(times * _TELLS)
 
 
-def test_a_lag_that_may_be_shorter_than_a_fifth_of_a_step_is_none():
-    table = pd.DataFrame({"time_s": [0.0, 10.0, 20.0, 30.0, 90.0]})
-    interval = np.array([[1.9, 50.0], [2.1, 50.0], [0.0, 50.0]])
-    fit = SimpleNamespace(lag_interval_s=interval, lag_s=np.array([9.0, 9.0, 9.0]))
-    assert _lag_s(fit, table).tolist() == [0.0, 9.0, 0.0]
-
-
-def test_a_sensitivity_outside_its_interval_gives_way_to_the_middle():
-    interval = np.array([[1.0, 3.0], [1.0, 3.0], [1.0, 3.0], [1.0, 3.0]])
-    fit = SimpleNamespace(
-        k_interval_arcsec_per_degC=interval, k_arcsec_per_degC=np.array([0.9, 1.0, 3.0, 3.1])
+def test_a_lag_that_may_be_shorter_than_a_fifth_of_a_step_is_none(tmp_path):
+    recording, log = drifting(12, 5.0)
+    told = sensitivity_of(lb.measure(recording, CAMERA, temperature=log))
+    assert told.shortest_lag_s == pytest.approx(0.2)
+    found = SimpleNamespace(
+        tau_s=np.ones((3, 1)),
+        tau_interval_s=np.array([[[0.19, 5.0]], [[0.21, 5.0]], [[0.0, 5.0]]]),
+        fitted=SimpleNamespace(tau_s=np.full((3, 1), 0.9)),
     )
-    sizes, missed = at_rest(fit)
-    assert sizes.tolist() == [2.0, 1.0, 3.0, 2.0]
-    assert missed.tolist() == [True, False, False, True]
+    assert replace(told, found=found).lag_s.tolist() == [0.0, 0.9, 0.0]
 
 
 @pytest.mark.parametrize(("spots", "robust"), [(2, False), (3, False), (4, True)])

@@ -144,7 +144,9 @@ def fit_axis(
         converged=point.converged,
         thinned=thinned,
         alike=alike,
-        omitted=() if perfect or alike.any() else _omitted(design, kept, fit, noise, sensors),
+        omitted=()
+        if perfect or alike.any()
+        else _omitted(design, kept, law, noise, sensors, all_lags),
     )
 
 
@@ -227,7 +229,9 @@ def _lags(
         with np.errstate(over="ignore"):
             interval[i] = tau[i] * np.exp([-half, half])
         if states[i] == "no lag seen":
-            interval[i, 0] = 0.0
+            # Logarithms know no way to zero: the lags that the profile allows are the interval.
+            longest = int(np.flatnonzero(allowed).max())
+            interval[i] = 0.0, around[min(longest + 1, around.size - 1)]
     return states, tau, interval
 
 
@@ -291,10 +295,14 @@ def _omitted(
     fit: CorrelatedFit,
     noise: Noise,
     sensors: Mapping[str, ArrayLike],
+    all_lags: bool,
 ) -> tuple[str, ...]:
-    """Sensitivities that trend, seasons and the other sensors would change, a sentence each."""
+    """Sensitivities that trend, seasons and the other sensors would change, a sentence each.
+
+    Under all lags the other sensors alone: what one lag misses would look like a trend.
+    """
     extra = []
-    kinds = {type(term) for term in design.model.terms}
+    kinds = {type(term) for term in design.model.terms} | ({Trend, Fourier} if all_lags else set())
     if Trend not in kinds:
         extra.append(((kept.time_s - kept.time_s.mean()) / np.ptp(kept.time_s))[:, None])
     if Fourier not in kinds and np.ptp(kept.time_s) > 1.5 * _YEAR_S:

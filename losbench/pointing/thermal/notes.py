@@ -18,6 +18,12 @@ _STATES = {
         "long as the record fits as well"
     ),
 }
+_OF_ALL_LAGS = {
+    "not identifiable": (
+        "the lag behind {name} is not identifiable: a lag as long as the record fits as well, and "
+        "the sensitivity is at rest only as far as lags within the record"
+    ),
+}
 
 
 def notes_of(axes: list[AxisFit], design: Design, series: bool) -> tuple[str, ...]:
@@ -30,10 +36,11 @@ def notes_of(axes: list[AxisFit], design: Design, series: bool) -> tuple[str, ..
 
 
 def _sentences(axis: AxisFit, design: Design) -> list[str]:
+    states = _STATES | (_OF_ALL_LAGS if axis.law == "all lags" else {})
     lines = [
-        _STATES[state].format(name=name)
+        states[state].format(name=name)
         for state, (_, name) in zip(axis.tau_state, design.lags, strict=True)
-        if state in _STATES
+        if state in states
     ]
     tests = axis.lack_of_fit
     if tests.rejects:
@@ -50,7 +57,8 @@ def _sentences(axis: AxisFit, design: Design) -> list[str]:
                 else "; intervals hold only as far as the law"
             )
         )
-    lines += [f"with trend, season and all sensors, {text}" for text in axis.omitted]
+    more = "all sensors" if axis.law == "all lags" else "trend, season and all sensors"
+    lines += [f"with {more}, {text}" for text in axis.omitted]
     labels = design.model.labels
     worst = int(np.argmax(axis.vif))
     if axis.alike.any():

@@ -19,7 +19,8 @@ _SWEEPS = 2
 _ROUNDS, _STEPS = 12, 8
 _LONGEST_STEP = 0.7  # in the logarithm of a lag
 _SETTLED = 1e-6
-_SHORTEST = 0.1  # median steps
+_SHORTEST = 0.1  # median steps, of the lags tried
+_NONE = 1e-3  # of that: a lag so short is none, and Gauss-Newton may get there
 _LEAST_LEFT = 1e-13  # share of the sum of squares, below which a fit is perfect
 
 
@@ -58,7 +59,7 @@ def fit_point(design: Design, y: Floats, solver: Solver, *, use: Bools | None = 
             left = _left_over(design, tau, i, y, rows, fit.weights)
             tau[i] = grid[int(np.argmin([left(columns) for columns in tried[i]]))]
         fit = solver.fit(design.matrix(tau)[rows], y[rows])
-    limits = np.log(grid[[0, -1]])
+    limits = np.log([_NONE * grid[0], grid[-1]])
     settled = False
     for _ in range(_ROUNDS):
         before = tau
