@@ -9,7 +9,7 @@ from typing import Any
 # The picture's own description: the text chunk behind the header of its PNG. Read from what the
 # page shows, decoded.
 _SHOWN = """async (index) => {
-    const image = document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) img.widget-image')[index];
+    const image = document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) img.losbench-picture')[index];
     await image.decode();
     const bytes = await (await fetch(image.src)).arrayBuffer();
     const length = new DataView(bytes).getUint32(33);
@@ -25,9 +25,9 @@ class ExplorerPage:
     def __init__(self, page: Any, index: int = 0, *, box: Any = None) -> None:
         self.page, self._index = page, index
         panel = page.locator(".jp-NotebookPanel:not(.lm-mod-hidden)")
-        self.picture = panel.locator("img.widget-image").nth(index)
+        self.picture = panel.locator("img.losbench-picture").nth(index)
         self.picture.wait_for(timeout=60_000)
-        self.box = box or panel.locator(".widget-vbox:has(> img.widget-image)").nth(index)
+        self.box = box or panel.locator(".losbench-explorer").nth(index)
 
     def shown(self) -> str:
         """Return the settings that the picture on the screen was drawn for."""
@@ -67,6 +67,15 @@ class ExplorerPage:
                 ".map(one => one.value || one.innerText)"
             )
         )
+
+    def handle(self, label: str) -> Any:
+        """Return a handle over the picture by its label."""
+        return self.box.get_by_role("slider", name=label, exact=True)
+
+    def middle(self, label: str) -> tuple[float, float]:
+        """Return where a handle is on the page."""
+        box = self.handle(label).bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
     def button(self, name: str) -> Any:
         """Return a button by the words on it."""

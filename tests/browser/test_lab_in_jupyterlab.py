@@ -30,7 +30,7 @@ ORDER = [
 # From the key to the first frame of the screen after the new picture has been decoded, in
 # milliseconds.
 _PRESS = """async ([handle, index]) => {
-    const picture = () => document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) img.widget-image')[index];
+    const picture = () => document.querySelectorAll('.jp-NotebookPanel:not(.lm-mod-hidden) img.losbench-picture')[index];
     const before = picture().src;
     const start = performance.now();
     handle.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight', bubbles: true}));
@@ -64,6 +64,7 @@ def test_a_scene_follows_its_slider(page, screenshots, index):
     scene.picture.scroll_into_view_if_needed()
     assert scene.shown().startswith(next(iter(ORDER[index].controls.values())).label)
     assert scene.cut_off() == []
+    assert scene.box.bounding_box()["height"] <= 680
     handle, readout = scene.slider(0)
     took = [page.evaluate(_PRESS, [handle.element_handle(), index]) for _ in range(2)]
     label = scene.box.locator(".widget-slider .widget-label").first.inner_text()

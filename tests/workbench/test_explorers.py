@@ -39,6 +39,7 @@ from losbench.workbench.explorers.controls import (
     Field,
     LogSlider,
     Slider,
+    moved_spots,
     numbers,
     whole_number,
 )
@@ -82,12 +83,12 @@ def explorer(made):
 
 
 def pixels(explorer):
-    return cv2.imdecode(np.frombuffer(explorer.image.value, np.uint8), cv2.IMREAD_COLOR)
+    return cv2.imdecode(np.frombuffer(explorer.view.png, np.uint8), cv2.IMREAD_COLOR)
 
 
 def described(explorer):
     """What the picture itself says that it shows."""
-    text = Image.open(io.BytesIO(explorer.image.value)).text["Description"]
+    text = Image.open(io.BytesIO(explorer.view.png)).text["Description"]
     assert text == explorer.stated
     return text
 
@@ -143,23 +144,23 @@ def test_corners_of_all_controls_at_once_give_a_picture(explorer):
 
 
 def test_a_picture_that_was_moved_is_the_one_drawn_from_scratch(kind, explorer):
-    first = explorer.image.value
+    first = explorer.view.png
     for name, preset in explorer.presets.items():
         explorer.preset(name)
         with contextlib.closing(kind(**preset)) as fresh:
             assert np.array_equal(pixels(fresh), pixels(explorer))
             assert fresh.numbers.value == explorer.numbers.value
     explorer.reset()
-    assert explorer.image.value == first
+    assert explorer.view.png == first
 
 
 def test_new_noise_is_another_picture_and_reset_the_first(explorer):
-    first = explorer.image.value
+    first = explorer.view.png
     explorer.new_noise()
-    assert explorer.image.value != first
+    assert explorer.view.png != first
     assert f"seed {explorer.settings['seed']}" in explorer.stated
     explorer.reset()
-    assert explorer.image.value == first
+    assert explorer.view.png == first
 
 
 def test_a_preset_is_the_same_whatever_came_before(kind):
@@ -224,7 +225,7 @@ def run_copied(explorer):
     names = {}
     with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*two spots per solve|.*did not converge")
-        exec(compile(explorer.copy_as_code.value, "<copied>", "exec"), names)
+        exec(compile(explorer.view.code, "<copied>", "exec"), names)
     return names, printed.getvalue()
 
 
@@ -262,10 +263,10 @@ def test_two_spots_and_one_frame_say_why_nothing_changes():
 def test_nonsense_in_a_field_is_a_message_and_changes_nothing_else(explorer):
     def shown():
         return (
-            explorer.image.value,
+            explorer.view.png,
             explorer.stated,
             explorer.numbers.value,
-            explorer.copy_as_code.value,
+            explorer.view.code,
         )
 
     before = shown()
@@ -292,18 +293,18 @@ def test_a_value_error_of_the_library_is_a_message(explorer, monkeypatch):
     def refuse(**settings):
         raise ValueError("spots <must> differ")
 
-    before = explorer.image.value
+    before = explorer.view.png
     monkeypatch.setattr(explorer, "update", refuse)
     explorer.new_noise()
     assert "spots &lt;must&gt; differ" in explorer.message.value
-    assert explorer.image.value == before
+    assert explorer.view.png == before
 
 
 def test_the_picture_goes_into_exported_pages(explorer):
     import base64
 
     bundle = explorer._repr_mimebundle_()
-    assert base64.b64decode(bundle["image/png"]) == explorer.image.value
+    assert base64.b64decode(bundle["image/png"]) == explorer.view.png
     assert "application/vnd.jupyter.widget-view+json" in bundle
     assert bundle["text/plain"] == f"{type(explorer).__name__}()"
 
@@ -314,11 +315,11 @@ def test_closing_leaves_nothing_behind(kind):
     name, control = next(iter(kind.controls.items()))
     slider = explorer.inputs[name]
     picture, figure = weakref.ref(explorer._picture), weakref.ref(explorer._picture._figure)
-    shown = explorer.image.value
+    shown = explorer.view.png
     assert len(_instances) > len(before)
     explorer.close()
     slider.value = control.high
-    assert explorer.image.value == shown
+    assert explorer.view.png == shown
     explorer.close()
     assert set(_instances) == before
     for _ in range(2):  # figures are freed after the callbacks that know them
@@ -356,11 +357,11 @@ def test_settings_to_begin_with(kind):
         (n, c) for n, c in kind.controls.items() if isinstance(c, Slider | LogSlider)
     )
     with contextlib.closing(kind(**{name: control.low})) as explorer:
-        first = explorer.image.value
+        first = explorer.view.png
         explorer.new_noise()
         explorer.reset()
         assert explorer.settings[name] == control.low
-        assert explorer.image.value == first
+        assert explorer.view.png == first
     with pytest.raises(ValueError, match=f"{kind.__name__} has no nonsense; it has {name}"):
         kind(nonsense=1)
     with pytest.raises(ValueError, match=f"{control.label} must be a finite number from"):
@@ -371,11 +372,11 @@ def test_the_users_own_figure_style_stays_as_it_was():
     with mpl.rc_context({"lines.linewidth": 7.0, "axes.grid": False}):
         with contextlib.closing(MonteCarloExplorer()) as explorer:
             put(explorer, precision_px=1.0)
-            other = explorer.image.value
+            other = explorer.view.png
         assert mpl.rcParams["lines.linewidth"] == 7.0
         assert not mpl.rcParams["axes.grid"]
     with contextlib.closing(MonteCarloExplorer(precision_px=1.0)) as explorer:
-        assert explorer.image.value == other
+        assert explorer.view.png == other
 
 
 def test_parsers_of_fields():
@@ -413,7 +414,7 @@ def test_one_weight_for_each_coordinate_is_what_the_library_calls_no_group():
 def test_copied_code_is_the_source_that_ran():
     for kind in ALL:
         with contextlib.closing(kind()) as explorer:
-            text = explorer.copy_as_code.value
+            text = explorer.view.code
             assert inspect.getsource(kind.experiment).strip() in text
             named = re.findall(r"^(?:from|import) (\S*)", text, re.MULTILINE)
             outside = {name for name in named if name.split(".")[0] not in sys.stdlib_module_names}
@@ -435,15 +436,22 @@ def test_a_log_slider_shows_its_value_where_nobody_can_type():
         readout.close()
 
 
-def test_labels_are_short_enough_for_their_place():
-    """Measured in DejaVu Sans of 13 px, wider than the fonts of most pages; the place is 195 px
+def test_labels_are_short_enough_for_two_lines():
+    """Measured in DejaVu Sans of 12 px, wider than the fonts of most pages; the place is 126 px
     wide.
     """
     for kind in ALL:
         for control in kind.controls.values():
             unit = getattr(control, "unit", "")
             text = f"{control.label} ({unit})" if unit else control.label
-            assert TextPath((0, 0), text, size=13, prop=DEJAVU).get_extents().x1 < 192, text
+            lines = [""]
+            for word in text.split():
+                longer = f"{lines[-1]} {word}".strip()
+                fits = TextPath((0, 0), longer, size=12, prop=DEJAVU).get_extents().x1 < 124
+                lines[-1:] = [longer] if fits or not lines[-1] else [lines[-1], word]
+            assert len(lines) <= 2, lines
+            for line in lines:
+                assert TextPath((0, 0), line, size=12, prop=DEJAVU).get_extents().x1 < 124, line
 
 
 def test_a_gradient_never_goes_below_zero():
@@ -460,13 +468,150 @@ def test_a_gradient_never_goes_below_zero():
         assert_its_code_gives_its_numbers(explorer)
 
 
-def test_code_has_room_for_lines_that_wrap():
-    for kind in ALL:
-        with contextlib.closing(kind()) as explorer:
-            lines = explorer.copy_as_code.value.split("\n")
-            assert explorer.copy_as_code.rows == sum(
-                -(-max(len(line), 1) // base._LINE) for line in lines
-            )
+def asked(explorer, **question):
+    """What a page would ask; whether it was answered."""
+    asked.count += 1
+    explorer.view._asked(explorer.view, {"id": str(asked.count), **question}, [])
+    return explorer.view.answered == str(asked.count)
+
+
+asked.count = 0
+WITH_HANDLES = [kind for kind in ALL if kind.handles is not base.Explorer.handles]
+
+
+def test_what_wants_a_hand_has_a_handle():
+    assert {kind.__name__ for kind in WITH_HANDLES} >= {
+        "CentroidExplorer",
+        "DragPoint",
+        "Leverage",
+        "YourLayout",
+    }
+
+
+@pytest.mark.parametrize("kind", WITH_HANDLES, ids=lambda kind: kind.__name__)
+def test_a_handle_is_named_and_follows_hand_and_keys(kind):
+    with contextlib.closing(kind()) as explorer:
+        assert explorer.view.handles
+        for k, handle in enumerate(explorer.view.handles):
+            explorer.reset()
+            assert handle["label"] and handle["text"]
+            assert 0 < handle["x"] < 1 and 0 < handle["y"] < 1
+            for question in (
+                {"moves": {str(k): [handle["x"] + 0.05, handle["y"] - 0.1]}},
+                {"steps": {str(k): [-1, -1]}},
+            ):
+                before = explorer.stated, explorer.view.handles[k]["text"]
+                assert asked(explorer, **question)
+                assert explorer.stated != before[0]
+                assert explorer.view.handles[k]["text"] != before[1]
+                assert explorer.view.alt == described(explorer)
+                assert explorer.message.value == ""
+
+
+@pytest.mark.parametrize("kind", WITH_HANDLES, ids=lambda kind: kind.__name__)
+def test_a_handle_stays_where_it_is_put_and_never_leaves_its_range(kind):
+    with contextlib.closing(kind()) as explorer:
+        for k in range(len(explorer.view.handles)):
+            explorer.reset()
+            for place in ([0, 0], [1, 1], [0.0, 1.0]):
+                asked(explorer, moves={str(k): place})
+                at = explorer.view.handles[k]
+                asked(explorer, moves={str(k): [at["x"], at["y"]]})
+                again = explorer.view.handles[k]
+                assert (again["x"], again["y"]) == pytest.approx((at["x"], at["y"]), abs=1e-9)
+            asked(explorer, steps={str(k): [1000, 1000]})
+            assert explorer.message.value == ""
+
+
+def test_the_big_point_goes_where_the_hand_goes():
+    with contextlib.closing(lab.DragPoint()) as explorer:
+        axes = explorer._data
+        place = explorer._picture.place(axes, 12.3, -7.1)
+        asked(explorer, moves={"0": place.tolist()})
+        assert explorer.settings == {"height": -7.0, "place": 12.5, "seed": 0}
+        asked(explorer, steps={"0": [10, 2]})
+        assert explorer.settings == {"height": -6.0, "place": 17.5, "seed": 0}
+
+
+def test_arrows_move_as_the_screen_does_where_an_axis_runs_down():
+    with contextlib.closing(CentroidExplorer()) as explorer:
+        asked(explorer, steps={"0": [0, 3]})
+        assert explorer.settings["offset_y_px"] == -1.5
+
+
+def test_a_question_is_answered_once_and_again_if_the_page_asks_again():
+    with contextlib.closing(lab.DragPoint()) as explorer:
+        question = {"id": "a", "steps": {"0": [0, 1]}}
+        for _ in range(2):
+            explorer.view._asked(explorer.view, question, [])
+            assert explorer.view.answered == "a"
+            assert explorer.settings["height"] == 16.5
+        assert asked(explorer, settle=True)
+        assert asked(explorer, steps={"0": [0, 0]})
+
+
+def test_an_error_on_the_way_does_not_leave_the_page_waiting(monkeypatch):
+    with contextlib.closing(lab.DragPoint()) as explorer:
+        monkeypatch.setattr(explorer, "update", lambda **_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            explorer.view._asked(explorer.view, {"id": "b", "steps": {"0": [0, 1]}}, [])
+        assert explorer.view.answered == "b"
+
+
+def test_width_and_sharpness_follow_the_page_up_to_twice(made):
+    made.reset()
+    wide, high = made.size_in
+    try:
+        for width, ratio, expected in ((420, 1, 420), (420, 1.5, 630), (5000, 2, 200 * wide)):
+            asked(made, look={"width": width, "ratio": ratio, "light": True})
+            shape = pixels(made).shape
+            assert shape[1] == pytest.approx(expected, abs=1)
+            assert shape[0] == pytest.approx(expected * high / wide, abs=1)
+            assert described(made)
+    finally:
+        asked(made, look={"width": 100 * wide, "ratio": 1, "light": True})
+
+
+def test_a_dark_page_gets_a_dark_picture_and_a_light_one_the_old(made):
+    made.reset()
+    first, look = made.view.png, {"width": 100 * made.size_in[0], "ratio": 1}
+    numbers = made.numbers.value
+    asked(made, look={**look, "light": False})
+    dark = pixels(made)
+    assert np.median(dark) < 40
+    assert (dark.min(axis=-1) > 200).mean() > 0.002  # light ink
+    assert made.numbers.value == numbers
+    asked(made, look={**look, "light": True})
+    assert made.view.png == first
+
+
+def test_images_are_no_negatives_on_a_dark_page():
+    with contextlib.closing(CentroidExplorer()) as explorer:
+        light = explorer._image.get_cmap()
+        asked(explorer, look={"width": 840, "ratio": 1, "light": False})
+        assert explorer._image.get_cmap() == light
+
+
+def test_spots_moved_by_hand_are_typed_and_read():
+    parse = moved_spots(low=-1.0, high=2.0)
+    assert parse("moved", " none ") == ()
+    assert parse("moved", "3 0.5 -1; 1 2 2") == ((3, 0.5, -1.0), (1, 2.0, 2.0))
+    for text in ("3 0.5", "", "a b c", "0 1 1", "1 3 0"):
+        with pytest.raises(ValueError, match="moved must be"):
+            parse("moved", text)
+    with contextlib.closing(lab.YourLayout()) as explorer:
+        place = explorer._picture.place(explorer._spots.axes, 2.0, -1.0)
+        asked(explorer, moves={"2": place.tolist()})
+        assert explorer.settings["moved"] == ((3, 2.0, -1.0),)
+        assert explorer.inputs["moved"].value == "3 2 -1"
+        assert "moved=((3, 2.0, -1.0),)" in explorer.view.code
+
+
+def test_the_nearest_step_of_a_slider():
+    slider = Slider("height", 0.0, -1.0, 1.0, 0.1)
+    assert [slider.nearest(value) for value in (-7.0, 0.26, 5.0)] == [-1.0, 0.3, 1.0]
+    light = LogSlider("light", 10.0, 1.0, 1000.0)
+    assert [light.nearest(value) for value in (0.0, 115.0, 1e9)] == [1.0, 110.0, 1000.0]
 
 
 def test_a_choice_that_is_not_offered_is_named():

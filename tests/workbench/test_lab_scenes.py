@@ -43,7 +43,7 @@ def scene(made):
 
 
 def pixels(scene):
-    return cv2.imdecode(np.frombuffer(scene.image.value, np.uint8), cv2.IMREAD_COLOR)
+    return cv2.imdecode(np.frombuffer(scene.view.png, np.uint8), cv2.IMREAD_COLOR)
 
 
 def extremes(control):
@@ -102,14 +102,14 @@ def test_corners_of_all_controls_at_once_give_a_picture(scene):
 
 
 def test_a_picture_that_was_moved_is_the_one_drawn_from_scratch(kind, scene):
-    first = scene.image.value
+    first = scene.view.png
     preset = next(iter(scene.presets.values()))
     put(scene, **preset)
     with contextlib.closing(kind(**preset)) as fresh:
         assert np.array_equal(pixels(fresh), pixels(scene))
         assert fresh.numbers.value == scene.numbers.value
     scene.reset()
-    assert scene.image.value == first
+    assert scene.view.png == first
 
 
 def test_presets_do_not_pile_up(scene):
@@ -132,9 +132,9 @@ def test_a_step_takes_a_tenth_of_a_second(scene):
 
 def test_another_seed_is_another_picture(scene):
     if "seed" in scene.controls:
-        first = scene.image.value
+        first = scene.view.png
         scene.new_noise()
-        assert scene.image.value != first
+        assert scene.view.png != first
         assert "seed 1" in scene.stated
 
 
@@ -169,7 +169,7 @@ def test_the_code_runs_and_gives_the_numbers_shown(kind, scene):
         numbers = put(scene, **preset)
         with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
             warnings.filterwarnings("ignore", ".*did not converge")
-            exec(compile(scene.copy_as_code.value, "<copied>", "exec"), {})
+            exec(compile(scene.view.code, "<copied>", "exec"), {})
         text = printed.getvalue()
         if kind is lab.Masking:
             single, robust = (re.findall(r"\d+", part) for part in re.findall(r"\[(.*?)\]", text))

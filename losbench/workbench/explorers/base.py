@@ -8,22 +8,23 @@ import base64
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
-from math import ceil
 from typing import Any, ClassVar
 from weakref import WeakSet
 
 import ipywidgets as widgets
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from losbench.workbench.explorers.controls import Control
 from losbench.workbench.explorers.copied import copied
 from losbench.workbench.explorers.picture import Picture, style
+from losbench.workbench.explorers.view import Handle, PictureView
 
 __all__ = ["Explorer"]
 
-_LINE = 80  # characters of code that fit into a line of a narrow page
+_HIGHEST_IN = 3.9  # what sliders and numbers leave of a laptop's screen
 
 
 class Explorer(widgets.VBox):  # type: ignore[misc]
@@ -31,10 +32,11 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
 
     An explorer names its ``controls`` and its ``experiment``, a function of the settings at the top
     of its module, builds its figure once, and moves the artists of that figure to what the
-    experiment gives. "Copy as code" shows the source of that same function, and prints the
+    experiment gives. "Copy as code" copies the source of that same function, and prints the
     ``answer``, an expression in ``seen``. A ``ValueError`` or a warning on the way is a message in
-    the widget. Every picture carries in its PNG description which settings it
-    shows, the text of ``stated``.
+    the widget. Every picture carries in its PNG description and its alternative text which
+    settings it shows, the text of ``stated``. Its ``handles`` can be dragged. One that ``settles``
+    may leave out what is slow while it is ``moving``; it is asked again when the hand rests.
 
     Parameters
     ----------
@@ -52,9 +54,13 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
     answer: ClassVar[str] = "seen"
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     size_in: ClassVar[tuple[float, float]] = (8.4, 3.6)
+    settles: ClassVar[bool] = False
     _picture: Picture | None = None
     _built: frozenset[str] = frozenset()
-    _paused = False
+    _handles: Sequence[Handle] = ()
+    _paused = _watched = False
+    _light = True
+    moving = False
     stated = ""
 
     def __init__(self, **start: Any) -> None:
@@ -67,18 +73,14 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         first = {name: start.get(name, control.value) for name, control in self.controls.items()}
         self.inputs = {name: control.widget(first[name]) for name, control in self.controls.items()}
         self._begin = {name: each.value for name, each in self.inputs.items()}
-        self.image = widgets.Image(
-            format="png", layout={"width": f"{100 * self.size_in[0]:.0f}px", "max_width": "100%"}
-        )
+        wide, high = self.size_in
+        widest = 100 * wide * min(1.0, _HIGHEST_IN / high)
+        self.view = PictureView(self._answer, width=f"{widest:.0f}px", max_width="100%")
         self.message, self.numbers = widgets.HTML(), widgets.HTML()
-        self.copy_as_code = widgets.Textarea(
-            description="copy as code",
-            rows=1,
-            style={"description_width": "7em"},
-            layout={"width": "98%"},
-        )
-        super().__init__([self._panel(), self.message, self.image, self.numbers, self.copy_as_code])
-        self._draw_once()
+        self.message.add_class("losbench-message")
+        super().__init__([self._panel(), self.view, self.numbers])
+        self.add_class("losbench-explorer")
+        self._draw(light=True)
         for each in self.inputs.values():
             each.observe(self._follow, "value")
         _retire_earlier_runs(self)
@@ -95,6 +97,10 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         """
         raise NotImplementedError
 
+    def handles(self, *args: Any, **settings: Any) -> Sequence[Handle]:
+        """What can be dragged in the picture, with these settings."""
+        return ()
+
     def code(self, *args: Any, **settings: Any) -> str:
         """Return Python that computes the same with the library."""
         return copied(self.experiment, settings, self.answer)
@@ -105,6 +111,16 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         return {
             name: control.read(self.inputs[name].value) for name, control in self.controls.items()
         }
+
+    def slides(self, x: str = "", y: str = "") -> Callable[[float, float], dict[str, Any]]:
+        """Return what a handle does that moves sliders: along x the one, along y the other."""
+        sliders: Mapping[str, Any] = self.controls
+
+        def moved(*at: float) -> dict[str, Any]:
+            places = zip((x, y), at, strict=True)
+            return {name: sliders[name].nearest(value) for name, value in places if name}
+
+        return moved
 
     def reset(self, *_: Any) -> None:
         """Go back to the first settings."""
@@ -129,7 +145,7 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
 
     def close(self) -> None:
         """Close every part too, and let go of the figure; nothing is called back any more."""
-        self._picture = None
+        self._picture, self._handles = None, ()
         # A notebook's Out keeps the explorer, but need not keep its figure.
         for name in self._built:
             delattr(self, name)
@@ -146,27 +162,28 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
     def _repr_mimebundle_(self, **kwargs: Any) -> dict[str, Any]:
         """Add the picture as it is now, for exported pages and front ends without widgets."""
         bundle: dict[str, Any] = super()._repr_mimebundle_(**kwargs)
-        return {**bundle, "image/png": base64.b64encode(self.image.value).decode("ascii")}
+        return {**bundle, "image/png": base64.b64encode(self.view.png).decode("ascii")}
 
     def _panel(self) -> Any:
-        reset = widgets.Button(description="reset", tooltip="back to the first settings")
+        reset = _button("reset", "back to the first settings")
         reset.on_click(self.reset)
         buttons = [reset]
         for name in self.presets:
-            buttons.append(widgets.Button(description=name, layout={"width": "auto"}))
+            buttons.append(_button(name))
             buttons[-1].on_click(lambda _, name=name: self.preset(name))
         if "seed" in self.controls:
-            buttons.append(widgets.Button(description="new noise", tooltip="the next seed"))
+            buttons.append(_button("new noise", "the next seed"))
             buttons[-1].on_click(self.new_noise)
         wrap = {"flex_flow": "row wrap"}
         return widgets.VBox(
             [
                 widgets.Box(list(self.inputs.values()), layout=wrap),
                 widgets.Box(buttons, layout=wrap),
+                self.message,
             ]
         )
 
-    def _put(self, values: Mapping[str, Any]) -> None:
+    def _put(self, values: Mapping[str, Any], *, moving: bool = False) -> None:
         """Set several widgets, and draw once."""
         self._paused = True
         try:
@@ -174,10 +191,13 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
                 self.inputs[name].value = value
         finally:
             self._paused = False
-        self._follow()
+        self._follow(moving=moving)
 
-    def _draw_once(self) -> None:
-        with mpl.rc_context(style()):
+    def _draw(self, *, light: bool) -> None:
+        """Build the figure, and draw it."""
+        for name in self._built:
+            delattr(self, name)
+        with mpl.rc_context(style(light=light)):
             figure = Figure(figsize=self.size_in, dpi=100)
             mine = set(vars(self))
             moving = self.build(figure)
@@ -188,15 +208,17 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
                 # Laid out for the defaults, wherever it begins: one setting, one picture.
                 self.update(**{name: control.value for name, control in self.controls.items()})
         fixed = [axes for axes, limits in built.items() if axes.get_ylim() == limits]
-        self._picture = Picture(figure, moving, fixed=fixed)
+        self._picture, self._light = Picture(figure, moving, fixed=fixed, light=light), light
         self._follow()
 
-    def _follow(self, _change: Any = None) -> None:
+    def _follow(self, _change: Any = None, *, moving: bool = False) -> None:
         """Bring picture, numbers and code to the present settings, or say what is wrong with
         them.
         """
         if self._paused or self._picture is None:
             return
+        # Only a page asks for what is left out while something moves.
+        self.moving = self.settles and self._watched and (moving or _change is not None)
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
@@ -209,10 +231,58 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         self.stated = "; ".join(
             self.controls[name].stated(value) for name, value in settings.items()
         )
-        self.image.value = self._picture.png(self.stated)
+        self._handles = self.handles(**settings)
+        with self.view.hold_sync():
+            self.view.png, self.view.alt = self._picture.png(self.stated), self.stated
+            self.view.code, self.view.coarse = self.code(**settings), self.moving
+            self.view.handles = [self._placed(handle) for handle in self._handles]
         self.numbers.value = _readout(numbers)
-        self.copy_as_code.value = code = self.code(**settings)
-        self.copy_as_code.rows = sum(max(1, ceil(len(line) / _LINE)) for line in code.split("\n"))
+
+    def _placed(self, handle: Handle) -> dict[str, Any]:
+        assert self._picture is not None
+        left, top = self._picture.place(handle.axes, handle.x, handle.y)
+        words = {"label": handle.label, "text": handle.text, "now": float(handle.x)}
+        return {"x": float(left), "y": float(top), **words}
+
+    def _answer(self, question: Mapping[str, Any]) -> None:
+        """Do what the page asks: another look, handles moved or stepped, all that was left out."""
+        if self._picture is None:
+            return
+        if look := question.get("look"):
+            self._watched = True
+            if look["light"] != self._light:
+                self._draw(light=look["light"])
+            self._picture.resize(look["width"] * look["ratio"])
+            self._follow()
+        values: dict[str, Any] = {}
+        for number, place in question.get("moves", {}).items():
+            handle = self._handles[int(number)]
+            values |= handle.move(*map(float, self._picture.point(handle.axes, *place)))
+        for number, steps in question.get("steps", {}).items():
+            values |= _stepped(self._handles[int(number)], *steps)
+        if any(self.inputs[name].value != value for name, value in values.items()):
+            self._put(values, moving=True)
+        elif question.get("settle"):
+            self._follow()
+
+
+def _button(name: str, tooltip: str = "") -> Any:
+    return widgets.Button(description=name, tooltip=tooltip, layout={"width": "auto"})
+
+
+def _stepped(handle: Handle, right: float, up: float) -> Mapping[str, Any]:
+    """Settings after so many arrow keys, to the right and up on the screen."""
+    axes = handle.axes
+    keys = (-right if axes.xaxis_inverted() else right, -up if axes.yaxis_inverted() else up)
+    scales = (axes.get_xscale(), axes.get_yscale())
+    at = [
+        place * 10.0 ** (count * step) if scale == "log" else place + count * step
+        for place, count, step, scale in zip(
+            (handle.x, handle.y), keys, handle.step, scales, strict=True
+        )
+    ]
+    ends = np.sort([axes.get_xlim(), axes.get_ylim()], axis=1)
+    return handle.move(*np.clip(at, ends[:, 0], ends[:, 1]).tolist())
 
 
 def _notes(texts: Sequence[str]) -> str:

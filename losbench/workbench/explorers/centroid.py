@@ -24,6 +24,7 @@ from losbench.workbench.explorers.controls import (
     whole_number,
 )
 from losbench.workbench.explorers.picture import round_up
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["CentroidExplorer"]
 
@@ -78,7 +79,8 @@ def centroids_of_many_frames(
     gradient_e: float,
     diameter_px: float,
     window_px: int,
-    offset_px: float,
+    offset_x_px: float,
+    offset_y_px: float,
     hot_e: int,
     method: str,
     background: str,
@@ -88,7 +90,7 @@ def centroids_of_many_frames(
     scene = {"flux_e": flux_e, "diameter_px": diameter_px}
     scene |= {"background_e": background_e, "gradient_e": gradient_e}
     how = {"method": methods_with_a_window(window_px)[method], "background": background}
-    truth, off = np.array(_TRUTH), offset_px * np.array([0.8, -0.6])
+    truth, off = np.array(_TRUTH), np.array([offset_x_px, offset_y_px])
     detector = detector_with_a_hot_pixel(read_noise_e, hot_e)
     light = light_with_a_spot_at(truth, **scene)
     frames = detector.expose(np.broadcast_to(light, (_FRAMES, _SIZE, _SIZE)), seed)
@@ -112,7 +114,8 @@ class CentroidExplorer(Explorer):
         "gradient_e": Slider("its gradient along x", 0.0, 0.0, 10.0, 0.1, "e⁻/px²"),
         "diameter_px": Slider("spot diameter, 4 sigma", 12.0, 4.0, 24.0, 0.5, "px"),
         "window_px": Slider("window", _WINDOW, 5, 39, 2, "px"),
-        "offset_px": Slider("start off by", 2.0, 0.0, 4.0, 0.1, "px"),
+        "offset_x_px": Slider("start off along x", 1.6, -4.0, 4.0, 0.1, "px"),
+        "offset_y_px": Slider("start off along y", -1.2, -4.0, 4.0, 0.1, "px"),
         "hot_e": Slider("hot pixel", 0, 0, 20000, 500, "e⁻"),
         "method": Choice(
             "method", {name: name for name in methods_with_a_window(_WINDOW)}, "EIWA, Newton"
@@ -187,6 +190,34 @@ class CentroidExplorer(Explorer):
             self._cloud,
             self._this,
             self._ellipse,
+        ]
+
+    def handles(
+        self, *, offset_x_px: float, offset_y_px: float, window_px: int, **_: Any
+    ) -> Sequence[Handle]:
+        """The start, and the right edge of its window."""
+        x, y = _TRUTH[0] + offset_x_px, _TRUTH[1] + offset_y_px
+        both, wide = self.slides("offset_x_px", "offset_y_px"), self.slides("window_px")
+        axes, edge = self._axes["spot"], x + window_px / 2
+        return [
+            Handle(
+                label="start",
+                axes=axes,
+                x=x,
+                y=y,
+                move=lambda to_x, to_y: both(to_x - _TRUTH[0], to_y - _TRUTH[1]),
+                step=(0.1, 0.1),
+                text=f"off by {offset_x_px:g}, {offset_y_px:g} px",
+            ),
+            Handle(
+                label="edge of the window",
+                axes=axes,
+                x=edge,
+                y=y,
+                move=lambda to_x, _: wide(2 * abs(to_x - x), 0.0),
+                step=(1.0, 0.0),
+                text=f"window {window_px} px",
+            ),
         ]
 
     def update(self, **settings: Any) -> Mapping[str, str]:

@@ -14,12 +14,23 @@ import traitlets
 
 from losbench.checks import integer, number
 
-__all__ = ["Choice", "Control", "Field", "LogSlider", "Slider", "numbers", "whole_number"]
+__all__ = [
+    "Choice",
+    "Control",
+    "Field",
+    "LogSlider",
+    "Slider",
+    "moved_spots",
+    "numbers",
+    "typed",
+    "whole_number",
+]
 
 _ROUND = (1, 1.1, 1.2, 1.4, 1.6, 1.8, 2, 2.2, 2.5, 2.8, 3, 3.5, 4, 4.5, 5, 5.5, 6, 7, 8, 9)
-_WIDE_PX, _READOUT_PX = 412, 72
-_LABEL = {"description_width": "195px"}
+_WIDE_PX, _READOUT_PX = 276, 52  # three columns in the output of a cell, 1280 px with a sidebar
+_LABEL = {"description_width": "126px"}
 _WIDTHS = {"style": _LABEL, "layout": {"width": f"{_WIDE_PX}px"}}
+_SHORT = 12  # characters of a label that leaves a list or a field more room
 
 
 class Control(Protocol):
@@ -62,6 +73,11 @@ class Slider:
         number(self.label, value, low=self.low, high=self.high)
         return value
 
+    def nearest(self, value: float) -> float:
+        """Return the step next to a number."""
+        steps = round((min(max(value, self.low), self.high) - self.low) / self.step)
+        return self.read(min(self.low + steps * self.step, self.high))
+
     def widget(self, value: float) -> Any:
         """Make the slider."""
         whole = all(isinstance(n, int) for n in (self.low, self.high, self.step))
@@ -96,13 +112,20 @@ class LogSlider:
         number(self.label, value, low=self.low, high=self.high)
         return float(value)
 
+    def nearest(self, value: float) -> float:
+        """Return the round number next to another, by ratio."""
+        held = max(value, self.low)
+        return min(self._round_numbers(), key=lambda n: abs(log10(n / held)))
+
     def widget(self, value: float) -> Any:
         """Make the slider; ``value`` need not be one of the round numbers."""
         begin = self.held(value)
+        return _Stepped(sorted(self._round_numbers() | {begin}), begin, _named(self))
+
+    def _round_numbers(self) -> set[float]:
         decades = range(floor(log10(self.low)), ceil(log10(self.high)) + 1)
-        round_numbers = {float(f"{digits}e{decade}") for decade in decades for digits in _ROUND}
-        steps = sorted({n for n in round_numbers if self.low <= n <= self.high} | {begin})
-        return _Stepped(steps, begin, _named(self))
+        every = {float(f"{digits}e{decade}") for decade in decades for digits in _ROUND}
+        return {n for n in every if self.low <= n <= self.high}
 
     def read(self, value: float) -> float:
         """Return the number."""
@@ -138,7 +161,10 @@ class Choice:
         """Make the drop-down list."""
         offered = list(self.options.items())
         return widgets.Dropdown(
-            options=offered, value=self.held(value), description=self.label, **_WIDTHS
+            options=offered,
+            value=self.held(value),
+            description=self.label,
+            **_fitted(self.label),
         )
 
     def read(self, value: Any) -> Any:
@@ -163,12 +189,15 @@ class Field:
 
     def held(self, value: Any) -> str:
         """Return the text of the value."""
-        return _typed(value)
+        return typed(value)
 
     def widget(self, value: Any) -> Any:
         """Make the field."""
         return widgets.Text(
-            value=self.held(value), continuous_update=False, description=_named(self), **_WIDTHS
+            value=self.held(value),
+            continuous_update=False,
+            description=_named(self),
+            **_fitted(_named(self)),
         )
 
     def read(self, value: str) -> Any:
@@ -177,7 +206,7 @@ class Field:
 
     def stated(self, value: Any) -> str:
         """Say label, value and unit."""
-        return f"{self.label} {_typed(value)} {self.unit}".strip()
+        return f"{self.label} {typed(value)} {self.unit}".strip()
 
 
 class _Stepped(widgets.HBox, widgets.ValueWidget):  # type: ignore[misc]
@@ -226,6 +255,28 @@ def numbers(count: int, *, low: float, high: float) -> Callable[[str, str], tupl
     return parse
 
 
+def moved_spots(low: float, high: float) -> Callable[[str, str], tuple[tuple[float, ...], ...]]:
+    """Return a parser of ``spot x y, ...``, spots counted from 1, places between ``low`` and
+    ``high``; or ``none``.
+    """
+
+    def parse(label: str, text: str) -> tuple[tuple[float, ...], ...]:
+        if text.strip() == "none":
+            return ()
+        triples = [part.split() for part in text.replace(";", ",").split(",")]
+        if any(len(triple) != 3 for triple in triples):
+            raise ValueError(f"{label} must be 'none' or 'spot x y, ...', got {text.strip()!r}")
+        return tuple(
+            (
+                integer(label, _number(label, spot), low=1),
+                *(number(label, _number(label, each), low=low, high=high) for each in at),
+            )
+            for spot, *at in triples
+        )
+
+    return parse
+
+
 def _number(label: str, text: str) -> float:
     try:
         return float(text)
@@ -233,12 +284,23 @@ def _number(label: str, text: str) -> float:
         raise ValueError(f"{label} must be a number, got {text.strip()!r}") from None
 
 
-def _typed(value: Any) -> str:
-    return ", ".join(f"{n:g}" for n in value) if isinstance(value, tuple) else str(value)
+def typed(value: Any) -> str:
+    """Return the text that a field holds for a value."""
+    if not isinstance(value, tuple):
+        return str(value)
+    if not value:
+        return "none"
+    if isinstance(value[0], tuple):
+        return ", ".join(" ".join(f"{n:g}" for n in each) for each in value)
+    return ", ".join(f"{n:g}" for n in value)
 
 
 def _named(control: Slider | LogSlider | Field) -> str:
     return f"{control.label} ({control.unit})" if control.unit else control.label
+
+
+def _fitted(label: str) -> dict[str, Any]:
+    return _WIDTHS | ({"style": {"description_width": "initial"}} if len(label) <= _SHORT else {})
 
 
 def _decimals(step: float) -> int:

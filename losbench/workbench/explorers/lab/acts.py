@@ -16,6 +16,7 @@ from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
 from losbench.workbench.explorers.lab.sample import ERROR, design, line
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["MMActs"]
 
@@ -92,6 +93,14 @@ class MMActs(Explorer):
             self._good_weights,
             self._bad_weights,
         ]
+
+    def handles(self, *, bad: int, level: float, **_: Any) -> Sequence[Handle]:
+        """The level of the bad points."""
+        if not bad:
+            return ()
+        up, middle = self.slides(y="level"), _COUNT - (bad + 1) / 2
+        where = f"level {level:g}"
+        return [Handle("the bad points", self._bad.axes, middle, level, up, (0.0, 0.25), where)]
 
     def update(self, *, act: int, bad: int, level: float, seed: int) -> Mapping[str, str]:
         """Play as far as this act."""

@@ -15,6 +15,7 @@ from losbench.arrays import Floats
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Choice, Control, Field, Slider, whole_number
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["Basins"]
 
@@ -84,6 +85,16 @@ class Basins(Explorer):
         right.plot([-4, 12], [-4, 12], color=COLOURS["black"], lw=0.6, ls="--")
         right.set(xlim=(-4, 12), ylim=(-4, 12), xlabel="start", title="where it ends")
         return [self._curve, self._values, self._path, self._ends, self._here]
+
+    def handles(self, *, start: float, **_: Any) -> Sequence[Handle]:
+        """The start, on both panels."""
+        along, where = self.slides("start"), f"start {start:g}"
+        left, right = self._path.axes, self._here.axes
+        at = (self._path.get_xydata()[0, 1], self._here.get_ydata()[0])
+        return [
+            Handle("start of reweighting", axes, start, float(y), along, (0.1, 0.0), where)
+            for axes, y in zip((left, right), at, strict=True)
+        ]
 
     def update(self, *, start: float, loss: str, seed: int) -> Mapping[str, str]:
         """Walk from every start, and from this one step by step."""

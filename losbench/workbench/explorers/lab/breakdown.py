@@ -14,6 +14,7 @@ from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, LogSlider, Slider, whole_number
 from losbench.workbench.explorers.lab.sample import TRUTH, all_fits, design, line, lines
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["BreakdownMeter"]
 
@@ -67,6 +68,11 @@ class BreakdownMeter(Explorer):
         right.set(yscale="log", xlim=(-0.3, _MOST + 0.3), ylim=(0.02, 1e4))
         right.set(xlabel="bad points of 20", title="largest error of the line")
         return [self._points, *self._lines.values(), self._bad, *self._curves.values(), self._here]
+
+    def handles(self, *, bad: int, **_: Any) -> Sequence[Handle]:
+        """How many are bad."""
+        axes, along = self._here.axes, self.slides("bad")
+        return [Handle("bad points", axes, bad, 1.0, along, (1.0, 0.0), f"{bad} of {_COUNT}")]
 
     def update(self, *, bad: int, off: float, seed: int) -> Mapping[str, str]:
         """Fit with every number of bad points."""

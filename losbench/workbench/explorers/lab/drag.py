@@ -14,6 +14,7 @@ from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
 from losbench.workbench.explorers.lab.sample import TRUTH, all_fits, design, line, lines
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["DragPoint"]
 
@@ -57,10 +58,11 @@ class DragPoint(Explorer):
         """
         panels = figure.subplot_mosaic([["data", "whole"], ["data", "near"]])
         left, whole, near = panels.values()
+        self._data = left
         (self._points,) = left.plot([], [], "o", ms=4, color=COLOURS["black"])
         (self._point,) = left.plot([], [], "o", ms=9, color=COLOURS["vermilion"])
         self._lines = lines(left, _METHODS)
-        left.set(xlim=(-1, 21), ylim=(-26, 26), xlabel="x", ylabel="y", title="move the big point")
+        left.set(xlim=(-1, 21), ylim=(-26, 26), xlabel="x", ylabel="y", title="drag the big point")
         left.legend(fontsize=8, loc="lower left")
         self._curves = [lines(axes, _METHODS, label=False) for axes in (whole, near)]
         self._here = [
@@ -78,6 +80,12 @@ class DragPoint(Explorer):
         )
         curves = [curve for both in self._curves for curve in both.values()]
         return [self._points, *self._lines.values(), self._point, *curves, *self._here]
+
+    def handles(self, *, height: float, place: float, seed: int) -> Sequence[Handle]:
+        """The big point."""
+        at = f"x {place:g}, y {height:g}"
+        both = self.slides("place", "height")
+        return [Handle("the big point", self._data, place, height, both, (0.5, 0.5), at)]
 
     def update(self, *, height: float, place: float, seed: int) -> Mapping[str, str]:
         """Fit with the point at every height, and at this one."""

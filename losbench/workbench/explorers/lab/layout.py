@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 import losbench as lb
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
-from losbench.workbench.explorers.controls import Control, Slider
+from losbench.workbench.explorers.controls import Control, Field, Slider, moved_spots
 from losbench.workbench.explorers.lab.smallsystems import spot_rows
+from losbench.workbench.explorers.view import Handle, spot_handles
 
 __all__ = ["YourLayout", "ring"]
 
@@ -21,19 +22,26 @@ __all__ = ["YourLayout", "ring"]
 _MOST = 14
 
 
-def spots_on_an_arc(*, spots: int, arc_deg: int, away: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places u, v of spots on a unit circle or a part of it, the first one moved along u."""
+def spots_on_an_arc(
+    *, spots: int, arc_deg: int, away: float, moved: tuple[tuple[float, ...], ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places u, v of spots on a unit circle or a part of it, the first one moved along u, then
+    those moved by hand.
+    """
     steps = spots if arc_deg == 360 else max(spots - 1, 1)
     turn = np.deg2rad(arc_deg) * np.arange(spots) / steps
     u, v = np.cos(turn), np.sin(turn)
     u[0], v[0] = away, 0.0
+    for spot, *place in moved:
+        if spot <= spots:
+            u[int(spot) - 1], v[int(spot) - 1] = place
     return u, v
 
 
-def breakdown_of_a_layout(*, spots: int, arc_deg: int, away: float) -> lb.DesignBreakdown:
+def breakdown_of_a_layout(**layout: Any) -> lb.DesignBreakdown:
     """Count the bad spots that two shifts and a turn survive, whatever the bad ones say."""
-    u, v = spots_on_an_arc(spots=spots, arc_deg=arc_deg, away=away)
-    return lb.design_breakdown(spot_rows(u, v), group=np.repeat(np.arange(spots), 2))
+    u, v = spots_on_an_arc(**layout)
+    return lb.design_breakdown(spot_rows(u, v), group=np.repeat(np.arange(len(u)), 2))
 
 
 class YourLayout(Explorer):
@@ -45,6 +53,7 @@ class YourLayout(Explorer):
         "spots": Slider("spots", 8, 2, _MOST, 1),
         "arc_deg": Slider("arc that they fill", 360, 20, 360, 5, "°"),
         "away": Slider("first spot off centre", 1.0, 0.0, 5.0, 0.1, "radii"),
+        "moved": Field("moved (spot u v, …)", (), moved_spots(low=-5.0, high=6.0)),
     }
     experiment = staticmethod(breakdown_of_a_layout)
     answer = "seen.monotone, seen.any"
@@ -69,7 +78,7 @@ class YourLayout(Explorer):
             xlabel="u (radii)",
             ylabel="v (radii)",
         )
-        left.set_title("○ too many bad ones  + the turn they fake", fontsize=10)
+        left.set_title("drag a spot  ○ too many bad ones  + their turn", fontsize=10)
         (self._shares,) = right.plot([], [], "o-", color=COLOURS["blue"], ms=5)
         right.axhline(0.5, color=COLOURS["vermilion"], lw=1.2, ls="--")
         right.set(
@@ -80,10 +89,16 @@ class YourLayout(Explorer):
         )
         return [self._spots, self._worst, self._pivot, self._shares]
 
-    def update(self, *, spots: int, arc_deg: int, away: float) -> Mapping[str, str]:
+    def handles(self, *, moved: tuple[tuple[float, ...], ...], **layout: Any) -> Sequence[Handle]:
+        """Every spot."""
+        u, v = spots_on_an_arc(moved=moved, **layout)
+        return spot_handles(self._spots.axes, np.column_stack([u, v]), moved, decimals=1)
+
+    def update(self, **layout: Any) -> Mapping[str, str]:
         """Find the breakdown of the layout."""
-        found = self.experiment(spots=spots, arc_deg=arc_deg, away=away)
-        u, v = spots_on_an_arc(spots=spots, arc_deg=arc_deg, away=away)
+        found = self.experiment(**layout)
+        u, v = spots_on_an_arc(**layout)
+        spots = len(u)
         a, b, turn = found.direction
         pull = np.hypot(a - turn * v, b + turn * u)
         worst = np.argsort(-pull, kind="stable")[: found.monotone + 1]

@@ -14,6 +14,7 @@ from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
 from losbench.workbench.explorers.lab.sample import all_fits, design, line, lines
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["Leverage"]
 
@@ -55,7 +56,7 @@ class Leverage(Explorer):
         (self._bad,) = left.plot([], [], "x", ms=9, mew=2.0, color=COLOURS["vermilion"])
         self._lines = lines(left, _METHODS)
         left.set(
-            xlim=(-1, 62), ylim=(-3, 12), xlabel="x", ylabel="y", title="move the cross along x"
+            xlim=(-1, 62), ylim=(-3, 12), xlabel="x", ylabel="y", title="drag the cross along x"
         )
         left.legend(fontsize=8, loc="upper right")
         self._slopes = lines(right, _METHODS, label=False)
@@ -78,6 +79,12 @@ class Leverage(Explorer):
             self._h,
             self._here,
         ]
+
+    def handles(self, *, place: float, seed: int) -> Sequence[Handle]:
+        """The cross."""
+        along = self.slides("place")
+        axes = self._bad.axes
+        return [Handle("the bad point", axes, place, _HEIGHT, along, (0.5, 0.0), f"x {place:g}")]
 
     def update(self, *, place: float, seed: int) -> Mapping[str, str]:
         """Fit with the bad point everywhere, and here."""

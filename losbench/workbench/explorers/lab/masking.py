@@ -16,6 +16,7 @@ from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, Slider, whole_number
 from losbench.workbench.explorers.lab.sample import all_fits, design, line, lines
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["Masking"]
 
@@ -77,6 +78,24 @@ class Masking(Explorer):
         )
         right.legend(fontsize=8, loc="upper left")
         return [self._points, *self._lines.values(), self._bad, self._single, self._robust]
+
+    def handles(self, *, bad: int, off: float, **_: Any) -> Sequence[Handle]:
+        """The last of the bad points, which lifts all of them."""
+        if not bad:
+            return ()
+        x, y = self._bad.get_xydata()[-1]
+        up, ground = self.slides(y="off"), y - off
+        return [
+            Handle(
+                label="the bad points",
+                axes=self._bad.axes,
+                x=float(x),
+                y=float(y),
+                move=lambda _, height: up(0.0, height - ground),
+                step=(0.0, 0.2),
+                text=f"lifted by {off:g}",
+            )
+        ]
 
     def update(self, *, bad: int, off: float, seed: int) -> Mapping[str, str]:
         """Fit, and measure every point both ways."""

@@ -15,6 +15,7 @@ from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Control, Field, LogSlider, Slider, whole_number
 from losbench.workbench.explorers.lab.layout import ring
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["ScaleIsTheHero"]
 
@@ -97,6 +98,14 @@ class ScaleIsTheHero(Explorer):
             axes.set_xlabel("bad spot off by (sigma)")
             axes.legend(fontsize=8, loc="lower left" if axes is left else "upper left")
         return [*self._weights.values(), *self._errors.values(), self._least, *self._here]
+
+    def handles(self, *, off: float, **_: Any) -> Sequence[Handle]:
+        """How far off the bad spot is, on both panels."""
+        along, where = self.slides("off"), f"{off:g} sigma"
+        return [
+            Handle("bad spot off by", mark.axes, off, y, along, (0.05, 0.0), where)
+            for mark, y in zip(self._here, (0.05, 10.0), strict=True)
+        ]
 
     def update(self, *, off: float, spots: int, seed: int) -> Mapping[str, str]:
         """Solve many draws at every distance, and at this one."""

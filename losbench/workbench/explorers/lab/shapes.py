@@ -15,6 +15,7 @@ from losbench.arrays import Floats
 from losbench.figures import COLOURS
 from losbench.workbench.explorers.base import Explorer
 from losbench.workbench.explorers.controls import Choice, Control, Slider
+from losbench.workbench.explorers.view import Handle
 
 __all__ = ["LossShapes"]
 
@@ -70,6 +71,12 @@ class LossShapes(Explorer):
         panels[3].set(title="efficiency (%)", xlabel="constant", xlim=(0.15, 2.05), ylim=(0, 102))
         self._name = figure.suptitle(" ", fontsize=10)
         return [*self._curves, self._cost, self._here, self._name]
+
+    def handles(self, *, factor: float, **_: Any) -> Sequence[Handle]:
+        """The constant."""
+        along, (x, y) = self.slides("factor"), self._here.get_xydata()[0]
+        where = f"constant {factor:g}"
+        return [Handle("constant", self._here.axes, x, float(y), along, (0.02, 0.0), where)]
 
     def update(self, *, loss: str, factor: float) -> Mapping[str, str]:
         """Draw the loss with this constant."""

@@ -1,0 +1,176 @@
+"""Pictures that are dragged, on one page in JupyterLab: pointer, keys, touch, both themes, a narrow
+window.
+"""
+
+import re
+
+import nbformat
+import pytest
+from explorer_page import ExplorerPage
+from lab import jupyterlab, notebook, raised
+
+pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
+
+KINDS = ("DragPoint", "YourLayout", "CentroidExplorer")
+_IMPORT = (
+    "from losbench.workbench.explorers import *\nfrom losbench.workbench.explorers.lab import *"
+)
+_DARK = "theme => { window.jupyterapp.commands.execute('apputils:change-theme', {theme}); }"
+# The middle of the picture's first pixels: paper, whatever is drawn.
+_CORNER = """async (index) => {
+    const image = document.querySelectorAll('img.losbench-picture')[index];
+    await image.decode();
+    const canvas = new OffscreenCanvas(image.naturalWidth, image.naturalHeight);
+    const context = canvas.getContext('2d');
+    context.drawImage(image, 0, 0);
+    return [...context.getImageData(2, 2, 1, 1).data].slice(0, 3);
+}"""
+
+
+@pytest.fixture(scope="module")
+def page(browser, tmp_path_factory):
+    root = tmp_path_factory.mktemp("dragging")
+    nbformat.write(notebook(_IMPORT, *(f"{kind}()" for kind in KINDS)), root / "dragging.ipynb")
+    with (
+        jupyterlab(root) as lab,
+        browser.new_context(viewport={"width": 1280, "height": 800}, has_touch=True) as context,
+    ):
+        page = context.new_page()
+        page.asked, page.lab_url = [], lab.url
+        page.on("request", lambda request: page.asked.append(request.url))
+        page.on("pageerror", lambda problem: pytest.fail(str(problem)))
+        lab.open(page, "dragging.ipynb")
+        lab.run_all(page)
+        yield page
+
+
+def opened(page, kind):
+    explorer = ExplorerPage(page, KINDS.index(kind))
+    explorer.button("reset").click()
+    explorer.picture.scroll_into_view_if_needed()
+    page.wait_for_timeout(500)
+    return explorer
+
+
+def by_pointer(page, explorer, label, right, down):
+    x, y = explorer.middle(label)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for k in range(1, 21):
+        page.mouse.move(x + right * k / 20, y + down * k / 20)
+        page.wait_for_timeout(15)
+    page.mouse.up()
+
+
+def by_touch(page, explorer, label, right, down):
+    x, y = explorer.middle(label)
+    touch = page.context.new_cdp_session(page)
+    touch.send(
+        "Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]}
+    )
+    for k in range(1, 11):
+        at = {"x": x + right * k / 10, "y": y + down * k / 10}
+        touch.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [at]})
+        page.wait_for_timeout(20)
+    touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+@pytest.mark.parametrize("way", [by_pointer, by_touch], ids=["pointer", "touch"])
+def test_the_picture_states_where_the_hand_has_put_the_point(page, way):
+    scene = opened(page, "DragPoint")
+    way(page, scene, "the big point", 80, 100)
+    # 840 px wide: 16.7 px are 1 along x, 5.5 px 1 along y, to half a unit.
+    said = r"x (\d+\.?\d*), y (-?\d+\.?\d*)"
+    page.wait_for_timeout(800)
+    x, y = map(
+        float,
+        re.fullmatch(said, scene.handle("the big point").get_attribute("aria-valuetext")).groups(),
+    )
+    assert 9.0 + 80 / 17.5 - 0.8 < x < 9.0 + 80 / 15.5 + 0.8
+    assert 16.0 - 100 / 5.0 - 0.8 < y < 16.0 - 100 / 6.5 + 0.8
+    scene.wait_until_shown(f"its place along x {x:g}")
+    scene.wait_until_shown(f"height of the point {y:g}")
+    assert scene.picture.get_attribute("alt") == scene.shown()
+    assert scene.slider(0)[1].inner_text().replace("−", "-") == f"{y:.1f}"
+
+
+def test_arrow_keys_step_and_shift_steps_by_ten(page):
+    scene = opened(page, "DragPoint")
+    scene.handle("the big point").focus()
+    for key in ("ArrowRight", "ArrowRight", "ArrowDown", "Shift+ArrowUp"):
+        page.keyboard.press(key)
+    scene.wait_until_shown("its place along x 10")
+    scene.wait_until_shown("height of the point 20.5")
+
+
+def test_every_spot_of_a_layout_and_the_window_of_a_spot_can_be_dragged(page):
+    layout = opened(page, "YourLayout")
+    by_pointer(page, layout, "spot 3", 60, -20)
+    page.wait_for_timeout(800)
+    place = layout.handle("spot 3").get_attribute("aria-valuetext")
+    u, v = re.fullmatch(r"x (-?[\d.]+), y (-?[\d.]+)", place).groups()
+    assert (float(u), float(v)) > (0.5, 1.0)
+    layout.wait_until_shown(lambda: f"moved (spot u v, …) 3 {float(u):g} {float(v):g}")
+    spot = opened(page, "CentroidExplorer")
+    by_pointer(page, spot, "edge of the window", 10, 0)
+    page.wait_for_timeout(800)
+    said = spot.handle("edge of the window").get_attribute("aria-valuetext")
+    assert 21 <= int(said.split()[1]) <= 33
+    spot.wait_until_shown(said)
+
+
+def test_what_is_typed_out_of_range_is_said_and_changes_nothing(page):
+    scene = opened(page, "DragPoint")
+    first, (_, readout) = scene.shown(), scene.slider(0)
+    for text, said in (("35", "25 is the most, got 35"), ("-99", "-25 is the least, got -99")):
+        readout.fill(text)
+        readout.press("Enter")
+        scene.box.get_by_role("alert").filter(has_text=said).wait_for(timeout=5_000)
+        assert readout.inner_text() == "16.0"
+        assert scene.shown() == first
+    readout.fill("12")
+    readout.press("Enter")
+    scene.wait_until_shown("height of the point 12")
+    assert scene.box.get_by_role("alert").filter(has_text="Note").count() == 0
+
+
+def test_the_code_is_copied_or_shown(page):
+    scene = opened(page, "DragPoint")
+    scene.button("copy as code").click()
+    scene.box.get_by_role("status").filter(has_text=re.compile("copied|Ctrl")).wait_for(
+        timeout=5_000
+    )
+
+
+def test_the_picture_follows_the_theme_and_a_narrow_window(page, screenshots):
+    scene = opened(page, "DragPoint")
+    assert page.evaluate(_CORNER, 0) == [255, 255, 255]
+    page.evaluate(_DARK, "JupyterLab Dark")
+    for _ in range(100):
+        page.wait_for_timeout(100)
+        if max(page.evaluate(_CORNER, 0)) < 40:
+            break
+    assert max(page.evaluate(_CORNER, 0)) < 40
+    page.screenshot(path=screenshots / "dragging-dark.png")
+    page.set_viewport_size({"width": 700, "height": 800})
+    page.wait_for_timeout(2_000)
+    page.screenshot(path=screenshots / "dragging-narrow.png")
+    outer = page.locator(
+        ".jp-NotebookPanel:not(.lm-mod-hidden) .jp-OutputArea-output"
+    ).first.bounding_box()
+    inner = scene.picture.bounding_box()
+    assert 200 < inner["width"] <= outer["width"]
+    assert scene.picture.evaluate("image => image.naturalWidth") == pytest.approx(
+        inner["width"], abs=2
+    )
+    scene.handle("the big point").focus()
+    page.keyboard.press("ArrowRight")
+    scene.wait_until_shown("its place along x 9.5")
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.evaluate(_DARK, "JupyterLab Light")
+
+
+def test_nothing_was_asked_outside_and_no_callback_failed(page):
+    mine = (page.lab_url, "blob:", "data:")
+    assert [url for url in page.asked if not url.startswith(mine)] == []
+    assert raised(page) == []
