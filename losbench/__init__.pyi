@@ -38,6 +38,7 @@ from .estimation.stability import lsfe as lsfe
 from .estimation.stability import nea as nea
 from .estimation.stability import split_error as split_error
 from .estimation.study import study as study
+from .imaging.auto import AutoCentroid as AutoCentroid
 from .imaging.background import Level as Level
 from .imaging.background import Ring as Ring
 from .imaging.centroid import centroid as centroid

@@ -49,7 +49,7 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
     centroid.add_argument(
         "--method",
         default="eiwa",
-        choices=["eiwa", "grey", "weighted", "likelihood", "gaussian"],
+        choices=["auto", "eiwa", "grey", "weighted", "likelihood", "gaussian"],
         help="centroid (%(default)s)",
     )
     centroid.add_argument(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats
+from losbench.imaging.auto import AutoCentroid
 from losbench.imaging.background import RING, Background
 from losbench.imaging.common import smoothed
 from losbench.imaging.detector import Detector
@@ -50,13 +51,14 @@ def centroid(
         that was not read.
     start : (n, 2) or (F, n, 2) array, pixels
         Where each spot is, to a pixel or so; NaN for a spot that is missing.
-    method : EIWA, Grey, Weighted, Likelihood, Gaussian, or the name of one
+    method : EIWA, Grey, Weighted, Likelihood, Gaussian, AutoCentroid, or the name of one
         A window that moves until it is centred on its own centroid (liu2026, eq. 13-15), or one
         that stays (eq. 11-12): these take a spot of any shape. For round spots, the optimal
         weighted centroid by a Gaussian template, and the likeliest Gaussian with its widths fitted,
         which reach the Cramer-Rao bound; and a plain least-squares fit of a Gaussian to check
-        against. Names are those of the classes in small letters. Any frozen dataclass with the
-        fields and the method of `losbench.imaging.protocols.CentroidMethod` will do.
+        against. `AutoCentroid` chooses. Names are "eiwa", "grey", "weighted", "likelihood",
+        "gaussian" and "auto". Any frozen dataclass with the fields and the method of
+        `losbench.imaging.protocols.CentroidMethod` will do.
     background : Ring, Level, None, or "ring", "none", float (DN)
         What is taken off: a plane through a ring of four pixels, a known level, or nothing.
         Templates need the background off, by one of these or before.
@@ -120,6 +122,11 @@ def centroid(
     frame, spot, middle = in_frame(stack, at)
     result = Measured.nothing(places.shape[:2])
     engine = Engine.of_stack(stack, chosen, under, side, detector or noise, full_scale_dn)
+    reason = ""
+    if isinstance(chosen, AutoCentroid):
+        choice = chosen.choose(engine, stack, frame, spot, middle, places.shape[1])
+        chosen, reason = choice.method, choice.reason
+        engine = replace(engine, method=chosen)
     width = spot_widths(engine, stack, frame, spot, middle, places.shape[1])
     per_block = max(1, _BLOCK_PIXELS // (engine.ring + 2 * RING) ** 2)
     for first_of_block in range(0, len(frame), per_block):
@@ -145,6 +152,8 @@ def centroid(
         side,
         width if chosen.template else None,
         result.n_bad,
+        chosen,
+        reason,
     )
 
 

@@ -101,7 +101,8 @@ def saturated(
     """Whether full scale is reached, or more pixels share the maximum than whole numbers make of a
     round top, (M,); and from which reading on pixels are saturated (M, 1, 1).
     """
-    inner = raw[:, 1:-1, 1:-1].reshape(len(level), -1)
+    side = raw.shape[1] - 2
+    inner = raw[:, 1:-1, 1:-1].reshape(-1, side * side)
     if missing is not None:
         inner = np.where(np.isnan(inner), -np.inf, inner)
     top = inner.max(axis=1)

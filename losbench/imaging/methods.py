@@ -8,6 +8,7 @@ from typing import Any, TypedDict
 from numpy.typing import ArrayLike
 
 from losbench.checks import choice, number
+from losbench.imaging.auto import AutoCentroid
 from losbench.imaging.background import Background, Level, Ring
 from losbench.imaging.eiwa import EIWA
 from losbench.imaging.grey import Grey
@@ -19,6 +20,7 @@ __all__ = ["MethodFields", "as_background", "as_method"]
 
 
 _METHODS: dict[str, type[CentroidMethod]] = {
+    "auto": AutoCentroid,
     "eiwa": EIWA,
     "grey": Grey,
     "weighted": Weighted,

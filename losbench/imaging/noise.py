@@ -81,6 +81,6 @@ def pixel_noise(
 
 def peak_reading(raw: Pixels, missing: Bools | None) -> Floats:
     """Highest reading of each stamp, of the pixels that were read."""
-    pixels = raw.reshape(len(raw), -1)
+    pixels = raw.reshape(-1, raw.shape[1] * raw.shape[2])
     top = pixels.max(axis=1) if missing is None else np.nan_to_num(pixels).max(axis=1)
     return top.astype(np.float64)

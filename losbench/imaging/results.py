@@ -18,6 +18,8 @@ from losbench.display import html_table, with_error
 if TYPE_CHECKING:
     import pandas as pd
 
+    from losbench.imaging.protocols import CentroidMethod
+
 __all__ = ["Centroids", "Measured", "SpotFlag", "flag_counts", "flag_names"]
 
 
@@ -167,6 +169,10 @@ class Centroids:
         have no template.
     n_bad : (F, n) array of int or None
         Pixels of the window that were not read or stood out of the fit.
+    method : CentroidMethod or None
+        What measured them, as given or chosen.
+    reason : str
+        Why it was chosen, where `AutoCentroid` did.
     """
 
     xy: Floats
@@ -178,6 +184,8 @@ class Centroids:
     window: int
     width_px: Floats | None = None
     n_bad: Ints | None = None
+    method: CentroidMethod | None = None
+    reason: str = ""
 
     def to_frame(self) -> pd.DataFrame:
         """Return a pandas table with one row per frame and spot, and the flags in words."""

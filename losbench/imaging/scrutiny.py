@@ -17,7 +17,7 @@ from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.template import TemplateFit, fit_template
 from losbench.units import SIGMA_PER_MAD
 
-__all__ = ["Looked", "asks", "look_into", "lopsided", "unexplained"]
+__all__ = ["UNEXPLAINED", "Looked", "asks", "look_into", "lopsided", "unexplained"]
 
 
 _SURE = 5.5  # errors: one false pixel in some 10 000 windows
@@ -31,7 +31,7 @@ _CLOSE = 4e-3  # pixels squared: a twentieth of a pixel is near enough to judge 
 _LINE = 22.0  # errors of the mean of a row
 _LINE_SCATTERS = 4.0
 _MOST = 0.15  # of a window's pixels; where more stand out, it is the shape
-_UNEXPLAINED = 0.3  # of the light; beyond it a template tells nothing of pixels
+UNEXPLAINED = 0.3  # of the light; beyond it a template tells nothing of pixels
 _OF_PEAK = 0.02  # of light on one side only
 _OUTSIDE = 1.5  # sigma of the spot
 _LONE = 0.7  # of the light of 3 x 3 pixels in one of them
@@ -105,7 +105,7 @@ def look_into(windows: Windows) -> Looked:
     inner = (slice(None), slice(1, -1), slice(1, -1))
     singles = ((first > kept) & ~lines)[inner].mean(axis=(1, 2))
     shape: Bools = ~fit.converged | (singles > _MOST)
-    shape |= unexplained(windows, fit, kept) > _UNEXPLAINED
+    shape |= unexplained(windows, fit, kept) > UNEXPLAINED
     kept[shape], lines[shape] = first[shape], False
     n_bad = ((first > kept)[inner]).sum(axis=(1, 2), dtype=np.int64)
     return Looked(kept, lines, n_bad, fit)

@@ -197,7 +197,7 @@ def _misfits(fit: TemplateFit, windows: Windows) -> Bools:
     pixels = windows.signal[:, 1:-1, 1:-1]
     if windows.kept is not None:
         pixels = pixels * windows.kept[:, 1:-1, 1:-1]
-    pixels = pixels.reshape(len(fit.flux), -1)
+    pixels = pixels.reshape(-1, side * side)
     total = (pixels @ share.reshape(2, -1).T.astype(pixels.dtype)).astype(np.float64)
     half, count = side / 2 - borders, (side - 2 * borders) ** 2
     end = np.stack([half, -half])[:, :, None, None]
@@ -206,7 +206,7 @@ def _misfits(fit: TemplateFit, windows: Windows) -> Bools:
         held = fit.flux * np.prod(upper - lower, axis=2)
     else:
         at = Templates.of(side, fit.centre, fit.width, pixels.dtype, free=False)
-        seen = (at.light * windows.kept[:, 1:-1, 1:-1]).reshape(len(pixels), -1)
+        seen = (at.light * windows.kept[:, 1:-1, 1:-1]).reshape(-1, side * side)
         held = fit.flux * (seen @ share.reshape(2, -1).T.astype(pixels.dtype)).T
     variance = (
         count[:, None] * noise.floor

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Floats, Indices
+from losbench.arrays import Bools, Floats, Indices
 from losbench.imaging.engine import Engine
 from losbench.imaging.grey import grey
 from losbench.imaging.places import evenly
 from losbench.imaging.protocols import Windows
 from losbench.imaging.scrutiny import asks, look_into
-from losbench.imaging.template import fit_template
+from losbench.imaging.template import TemplateFit, fit_template
 
-__all__ = ["spot_widths"]
+__all__ = ["SpotFits", "spot_fits", "spot_widths"]
 
 
 _FITS = 400
@@ -48,7 +49,7 @@ def spot_widths(
     if not engine.method.template:
         return np.full((n_spots, 2), np.nan)
     if given is None:
-        return _fitted(engine, stack, frame, spot, middle, n_spots)
+        return spot_fits(engine, stack, frame, spot, middle, n_spots).widths(n_spots)
     width = np.asarray(given, dtype=np.float64)
     if width.shape not in ((), (2,), (n_spots, 2)) or (width > engine.window).any():
         raise ValueError(
@@ -58,41 +59,70 @@ def spot_widths(
     return np.broadcast_to(width, (n_spots, 2)).copy()
 
 
-def _fitted(
+@dataclass(frozen=True)
+class SpotFits:
+    """Gaussians with free widths, fitted to some windows of a call: of which spots (M,), the
+    windows, the fits, and the flux in units of its error (M,).
+    """
+
+    spot: Indices
+    windows: Windows
+    fit: TemplateFit
+    significance: Floats
+
+    def widths(self, n_spots: int) -> Floats:
+        """Width (n, 2) of each spot that fits best.
+
+        A spot seen in four frames or more has its own, the median over up to 64 of them. All others
+        share the median of the call, weighted by the information that each has: single stars, and
+        undersampled ones above all, do not tell theirs. Spots fainter than ten times their error
+        have no vote.
+        """
+        bright = self.bright
+        voters, width = self.spot[bright], self.fit.width[bright]
+        weight = self.significance[bright] ** 2
+        if not voters.size:
+            return np.full((n_spots, 2), self.windows.side / 6.0)
+        found = np.tile(_weighted_median(width, weight), (n_spots, 1))
+        for k in np.flatnonzero(np.bincount(voters, minlength=n_spots) >= _FEWEST):
+            found[k] = _weighted_median(width[voters == k], weight[voters == k])
+        return found
+
+    @property
+    def bright(self) -> Bools:
+        """Which stand out enough to tell their width."""
+        return self.significance >= _FAINTEST
+
+
+def spot_fits(
     engine: Engine,
     stack: NDArray[Any],
     frame: Indices,
     spot: Indices,
     middle: Indices,
     n_spots: int,
-) -> Floats:
-    """Width of each spot that fits best.
+    *,
+    saturated: bool = False,
+) -> SpotFits:
+    """Fit Gaussians to some of the windows (M,) of frame, spot and whole pixel (M, 2).
 
-    A spot seen in four frames or more has its own, the median over up to 64 of them. All others
-    share the median of the call, weighted by the information that each has: single stars, and
-    undersampled ones above all, do not tell theirs. Spots that are saturated, not wholly read or
-    fainter than ten times their error have no vote.
+    Spots that are not wholly read are left out, and saturated ones unless they are wanted.
     """
-    guess = np.full(2, engine.window / 6.0)
-    some = _chosen(frame, spot, n_spots)
-    if not some.size:
-        return np.tile(guess, (n_spots, 1))
+    some, side = _chosen(frame, spot, n_spots), engine.window
     cut = engine.cut(stack, frame[some], middle[some])
-    usable = np.isfinite(cut.signal).all(axis=(1, 2)) & ~cut.saturated
+    usable = np.isfinite(cut.signal).all(axis=(1, 2)) & (saturated | ~cut.saturated)
     if cut.missing is not None:
         usable &= ~cut.missing.any(axis=(1, 2))
-    if not usable.any():
-        return np.tile(guess, (n_spots, 1))
-    signal, side = cut.signal[usable], engine.window
+    signal = cut.signal[usable]
     start = np.nan_to_num(grey(signal, np.zeros((len(signal), 2)), side).centroid)
-    start = np.clip(start, -side / 3.0, side / 3.0)
     windows = Windows(
         signal,
         side,
-        start,
+        np.clip(start, -side / 3.0, side / 3.0),
         middle[some][usable],
         cut.noise.of(usable),
-        np.tile(guess, (len(signal), 1)),
+        np.full((len(signal), 2), side / 6.0),
+        None if cut.kept is None else cut.kept[usable],
         leave=side / 3.0,
     )
     fit = fit_template(windows, free=True, tolerance=1e-5, max_iter=_STEPS)
@@ -101,14 +131,7 @@ def _fitted(
         fit.put(asking, look_into(windows.of(asking)).fit)
     with np.errstate(divide="ignore", invalid="ignore"):
         significance = np.nan_to_num(fit.flux / np.sqrt(fit.variance[:, 0]), posinf=1e9)
-    bright = significance >= _FAINTEST
-    voters, width, weight = spot[some][usable][bright], fit.width[bright], significance[bright] ** 2
-    if not voters.size:
-        return np.tile(guess, (n_spots, 1))
-    found = np.tile(_weighted_median(width, weight), (n_spots, 1))
-    for k in np.flatnonzero(np.bincount(voters, minlength=n_spots) >= _FEWEST):
-        found[k] = _weighted_median(width[voters == k], weight[voters == k])
-    return found
+    return SpotFits(spot[some][usable], windows, fit, significance)
 
 
 def _chosen(frame: Indices, spot: Indices, n_spots: int) -> Indices:

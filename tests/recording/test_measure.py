@@ -370,7 +370,7 @@ def test_smoothing_lowers_the_scatter_of_a_slow_drift():
         ),
         (
             {"centroid": "peak"},
-            r"method must be one of 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', got 'peak'",
+            r"method must be one of 'auto', 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', got 'peak'",
         ),
         (
             {"centroid": lb.EIWA(201)},
