@@ -32,6 +32,26 @@ def real_data() -> Callable[[str], Path]:
     return folder
 
 
+PIXEL = bytes.fromhex(
+    "89504e470d0a1a0a0000000d49484452000000010000000108000000003a7e9b55"
+    "0000000a49444154789c6360000000020001e221bc330000000049454e44ae426082"
+)
+
+
+@pytest.fixture
+def undrawn(monkeypatch, request):
+    """Pictures are made but not drawn, which is most of the time of a report: for tests that look
+    at none, and are not marked as ``drawn``.
+    """
+    if request.node.get_closest_marker("drawn"):
+        return
+
+    def save(_, file, *, format, **__):
+        file.write("<svg></svg>" if format == "svg" else PIXEL)
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
+
+
 EXPOSURE_S = 0.025
 
 

@@ -32,12 +32,12 @@ def test_a_uniform_turn_comes_back_exactly(method):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["irls", "lts", "mm"])
 def test_the_bad_spot_of_a_two_spot_frame_is_named(method):
-    truth, shifts = recording(400, seed=1)
-    bad_frames = np.arange(10, 400, 17)
+    truth, shifts = recording(200, seed=1)
+    bad_frames = np.arange(10, 200, 17)
     bad_spots = np.arange(len(bad_frames)) % 2
     shifts[bad_frames, bad_spots] += [60 * SIGMA_MM, -40 * SIGMA_MM]
     track = lb.track_attitude(POINTS, shifts, method=method, window=9)
-    expected = np.zeros((400, 2), dtype=bool)
+    expected = np.zeros((200, 2), dtype=bool)
     expected[bad_frames, bad_spots] = True
     assert track.bad[expected].all()
     assert track.bad[~expected].mean() < 0.03

@@ -22,6 +22,8 @@ from losbench.recording.report import write_report
 from losbench.recording.stamps import Stamp, UnreadableFrame
 from losbench.units import rad_to_arcsec
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 REFERENCE = 20
 SPOTS = np.array([[40.0, 30.0], [110.0, 32.0], [75.0, 70.0], [30.0, 75.0]])
 DETECTOR = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
@@ -241,6 +243,7 @@ def drifting(n=40, time_s=None):
     return in_memory(frames, FrameTimes(clock if time_s is None else time_s), DETECTOR), log
 
 
+@pytest.mark.drawn
 def test_a_frame_without_a_time_is_left_out_of_the_sensitivity(tmp_path):
     time_s = np.arange(40) * 5.0
     time_s[[0, 4]] = np.nan
@@ -392,6 +395,7 @@ def test_a_dark_recording_is_refused():
         lb.measure(in_memory(dark))
 
 
+@pytest.mark.drawn
 def test_the_report_is_written_whole_with_its_sensitivity(simulated, tmp_path):
     recording = twin(simulated)
     log = read_temperature_log(simulated / "temperature.csv")

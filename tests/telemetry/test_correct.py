@@ -15,6 +15,8 @@ from losbench.telemetry.columns import TelemetryFormat
 from losbench.telemetry.correct import correct_telemetry
 from losbench.telemetry.read import read_telemetry
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SHORT = Pair(days=(0.0, 58.0), track_s=40.0)
 
 
@@ -36,6 +38,7 @@ def changed(example, tmp_path, change):
     return path
 
 
+@pytest.mark.drawn
 def test_the_example_comes_back_with_its_drift_and_without_it_in_the_angle(example, tmp_path):
     report = correct_telemetry(example / "telemetry.csv", tmp_path / "out", smooth_s=10.0)
     truth = pd.read_csv(example / "truth.csv")

@@ -16,6 +16,8 @@ from losbench.telemetry.conventions import rate_offset
 from losbench.telemetry.correct import correct_telemetry
 from losbench.telemetry.read import read_telemetry
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 BARE = TelemetryFormat(
     time="t",
     scalar="last",
