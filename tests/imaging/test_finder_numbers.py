@@ -14,7 +14,7 @@ from losbench.imaging.flags import _leaks, saturated
 from losbench.imaging.levels import _least_noise
 from losbench.imaging.places import peak_pixels
 from losbench.imaging.ranks import digit_step, level_and_noise, medians
-from losbench.imaging.sizes import default_window, window_in_first
+from losbench.imaging.sizes import default_window, spot_sigma, window_in_first
 from losbench.imaging.window import look, spread
 
 SHAPE = (60, 80)
@@ -126,6 +126,20 @@ def test_a_window_fits_around_its_start(x, window):
     for place in ([x, 30.0], [79.0 - x, 30.0], [40.0, x], [40.0, 59.0 - x]):
         frame = lb.render_spots([place], 1e5, 2.0, SHAPE)
         assert default_window(frame, [place]) == window
+
+
+@pytest.mark.parametrize(("away", "theirs"), [(9, True), (10, True), (11, False), (14, False)])
+def test_the_width_is_that_of_the_highest_pixel_within_ten_of_the_start(away, theirs):
+    """And of what is connected with it, a third as high."""
+    for step in ((away, 0), (-away, 0), (0, away), (0, -away)):
+        own, other = np.array([40, 30]), np.array([40, 30]) + step
+        frame = np.zeros((60, 80))
+        frame[own[1] - 1 : own[1] + 2, own[0] - 1 : own[0] + 2] = 30.0
+        frame[other[1], other[0]] = 90.0
+        found = spot_sigma(frame, [own])
+        frame[other[1], other[0]] = 0.0
+        alone = spot_sigma(frame, [own])
+        assert (found < 0.5 * alone) == theirs, step
 
 
 def seen_by(pixels, centre, window):

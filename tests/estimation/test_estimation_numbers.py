@@ -1,0 +1,190 @@
+"""Limits within the estimates, from either side: leverage, rank, what is shown, what tells noise."""
+
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.estimation.allan import _exponent, _noises
+from losbench.estimation.breakdown import deletion_residuals
+from losbench.estimation.highbreakdown.search import Units, least, least_places
+from losbench.estimation.memory import variance_sampling
+from losbench.estimation.robust.problem import read_problem
+
+
+@pytest.mark.parametrize("leverage", [0.5, 0.99, 0.9998, 0.99995, 1.0])
+def test_residuals_are_adjusted_for_leverage_up_to_a_ten_thousandth(leverage):
+    """A design of one column: the leverage of its first row is a^2 / (a^2 + 9)."""
+    a = 3.0 * np.sqrt(leverage / max(1.0 - leverage, 1e-14))
+    design = np.array([[a], *[[1.0]] * 9])
+    y = np.random.default_rng(1).standard_normal(10)
+    seen = []
+
+    def scale(judged):
+        seen.append(np.array(judged))
+        return np.ones(judged.shape[:-1])
+
+    lb.irls(design, y, scale=scale, leverage=True, max_iter=1, on_fail="ignore")
+    plain = y - design @ lb.lstsq(design, y).x
+    h = np.array([min(leverage, 0.9999), *[design[1, 0] ** 2 / (a**2 + 9)] * 9])
+    expected = np.abs(plain) / np.sqrt(1.0 - h)
+    np.testing.assert_allclose(np.abs(seen[0].ravel())[1:], expected[1:], rtol=1e-6)
+    if leverage < 1.0:
+        assert abs(seen[0].ravel()[0]) == pytest.approx(expected[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("apart", [1e-2, 1e-5, 1e-8])
+def test_what_is_poorly_determined_is_so_and_not_undetermined(apart):
+    """Two columns that are nearly parallel, and two that are the same."""
+    rng = np.random.default_rng(2)
+    first, other, double = rng.standard_normal((3, 40))
+    design = np.column_stack([first, first + apart * other, double, double])
+    y = design @ [1.0, 2.0, 3.0, 4.0] + rng.standard_normal(40)
+    fit = lb.lstsq(design, y, on_fail="ignore")
+    assert fit.rank == 3
+    assert np.isfinite(fit.std_error[:2]).all() and np.isnan(fit.std_error[2:]).all()
+    alone = lb.lstsq(np.column_stack([first, first + apart * other, 2 * double]), y)
+    np.testing.assert_allclose(fit.std_error[:2], alone.std_error[:2], rtol=1e-4)
+
+
+@pytest.mark.parametrize("scale", [1e-90, 1.0, 1e90, 1e140])
+def test_units_of_rows_and_columns_carry_through(scale):
+    rng = np.random.default_rng(3)
+    design, y = rng.standard_normal((12, 3)), rng.standard_normal(12)
+    plain = lb.irls(design, y)
+    np.testing.assert_allclose(lb.irls(design * scale, y).x * scale, plain.x, rtol=1e-9)
+    np.testing.assert_allclose(lb.irls(design, y * scale).x / scale, plain.x, rtol=1e-9)
+    assert read_problem(design, y).rank.tolist() == [3]
+
+
+@pytest.mark.parametrize("unknowns", [6, 7, 10, 11])
+def test_ten_rows_and_six_unknowns_are_shown(unknowns):
+    rng = np.random.default_rng(4)
+    design = rng.standard_normal((60, unknowns))
+    y = rng.standard_normal(60)
+    y[:12] += 40.0
+    summary = lb.irls(design, y).summary()
+    lines = summary.splitlines()
+    values = [line for line in lines if line[:7].strip().isdigit() and len(line.split()) == 3]
+    doubted = [line for line in lines if line[:7].strip().isdigit() and len(line.split()) == 4]
+    assert len(values) == min(unknowns, 10) and len(doubted) == 10
+    weights = [float(line.split()[2]) for line in doubted]
+    assert weights == sorted(weights)
+    batch = lb.irls(design, np.stack([y, y]))
+    html = batch._repr_html_()
+    assert (
+        f"<th>x{min(unknowns, 6) - 1}</th>" in html
+    ) and f"<th>x{min(unknowns, 6)}</th>" not in html
+    shown = batch.summary()
+    assert f"x[{min(unknowns, 10) - 1}]" in shown and f"x[{min(unknowns, 10)}]" not in shown
+
+
+# Memory and Allan deviations
+
+
+def test_128_means_tell_the_noise_and_fewer_keep_what_was_told_last():
+    walk = np.cumsum(np.random.default_rng(5).standard_normal(1280))
+    white = np.random.default_rng(5).standard_normal(1280)
+    assert _noises(walk, np.array([10])) == [-2]
+    assert _noises(walk, np.array([11])) == [0]
+    assert _noises(walk, np.array([1, 11])) == [-2, -2]
+    assert _noises(white, np.array([11, 1])) == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("make", "exponent"),
+    [
+        (lambda w: w, 0),
+        (np.cumsum, -2),
+        (np.diff, 2),
+        (lambda w: np.cumsum(np.cumsum(w)), -2),
+    ],
+)
+def test_the_exponent_of_a_power_law_is_told_by_its_neighbours(make, exponent):
+    for seed in range(5):
+        white = np.random.default_rng(seed).standard_normal(4000)
+        assert _exponent(make(white)) == exponent
+    assert _exponent(np.zeros(200)) == 0
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_the_sampling_of_a_variance_is_the_sum_over_lags(missing):
+    """By loops over pairs, up to the first negative lag, twice with the mean's share put back."""
+    series = np.convolve(np.random.default_rng(6).standard_normal(90), np.ones(6), "valid")
+    if missing:
+        series[[3, 40, 41]] = np.nan
+    seen = ~np.isnan(series)
+    about = series - np.nanmean(series)
+    n = int(seen.sum())
+    covariance = []
+    for k in range(len(series)):
+        products = about[k:] * about[: len(series) - k]
+        covariance.append(np.nanmean(products) if np.isfinite(products).any() else 0.0)
+    covariance = np.array(covariance)
+
+    def kept(lost):
+        raised = covariance + lost
+        end = np.argmax(raised <= 0) if (raised <= 0).any() else len(raised)
+        return raised[:end]
+
+    lost = 0.0
+    for _ in range(2):
+        some = kept(lost)
+        lost = min((some[0] + 2 * some[1:].sum()) / n, covariance[0])
+    some = kept(lost)
+    error = np.sqrt(2 * (some[0] ** 2 + 2 * (some[1:] ** 2).sum()) / n)
+    np.testing.assert_allclose(variance_sampling(series), (lost, error), rtol=1e-9)
+
+
+# Candidates
+
+
+def test_the_least_of_many_candidates_are_kept_with_their_places():
+    objective = np.random.default_rng(7).random((3, 9))
+    z = np.random.default_rng(8).random((3, 9, 2))
+    for count in (1, 4, 9, 20):
+        places = np.sort(least_places(objective, count), axis=1)
+        expected = np.sort(np.argsort(objective, axis=1)[:, :count], axis=1)
+        np.testing.assert_array_equal(places, expected)
+        chosen, values = least(z, objective, count)
+        for k in range(3):
+            np.testing.assert_allclose(np.sort(values[k]), np.sort(objective[k])[:count])
+            where = [np.flatnonzero(objective[k] == v)[0] for v in values[k]]
+            np.testing.assert_array_equal(chosen[k], z[k, where])
+
+
+@pytest.mark.parametrize(
+    ("sizes", "rank", "needed", "majority"),
+    [
+        ([1] * 7, 2, 2, 5),
+        ([1] * 8, 3, 3, 6),
+        ([2] * 5, 3, 2, 4),
+        ([2] * 5, 4, 2, 4),
+        ([2] * 5, 5, 3, 4),
+        ([1, 1, 3, 3], 2, 2, 3),
+        ([1, 1, 3, 3], 3, 3, 4),
+        ([4], 3, 1, 1),
+    ],
+)
+def test_units_needed_and_their_majority(sizes, rank, needed, majority):
+    """Whichever units they are, the smallest too; and floor((m + q + 1) / 2) of them."""
+    units = Units.read(np.repeat(np.arange(len(sizes)), sizes), sum(sizes))
+    assert (units.needed(rank), units.majority(rank)) == (needed, majority)
+    assert units.rows == max(1, round(np.mean(sizes)))
+    values = np.arange(float(sum(sizes)))
+    expected = [part.sum() for part in np.split(values, np.cumsum(sizes)[:-1])]
+    np.testing.assert_array_equal(units.sums(values), expected)
+    np.testing.assert_array_equal(
+        units.spread(np.arange(float(len(sizes)))), np.repeat(np.arange(len(sizes)), sizes)
+    )
+
+
+def test_deletion_residuals_are_those_without_the_row():
+    rng = np.random.default_rng(9)
+    design, y = rng.standard_normal((9, 2)), rng.standard_normal(9)
+    found = deletion_residuals(lb.lstsq(design, y))
+    for k in range(9):
+        rest = np.delete(np.arange(9), k)
+        fit = lb.lstsq(design[rest], y[rest])
+        ahead = design[k] @ fit.cov @ design[k]
+        error = np.sqrt(fit.scale**2 + ahead)
+        assert found[k] == pytest.approx((y[k] - design[k] @ fit.x) / error, rel=1e-9)
