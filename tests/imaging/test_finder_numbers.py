@@ -216,12 +216,12 @@ def test_a_plateau_is_five_pixels_and_what_rounding_makes_of_a_round_top(sharing
     raw = np.full((1, 12, 12), 3.0)
     raw[0, 5, 2 : 2 + sharing] = 103.0
     raw[0, 0, 0] = 900.0  # beyond the window
-    cut = SimpleNamespace(raw=raw, missing=None, window=10, full_scale_dn=np.inf)
-    assert saturated(cut, np.array([3.0]))[0] == flagged
-    cut.full_scale_dn = 103.0
-    assert saturated(cut, np.array([3.0]))[0]
-    cut.full_scale_dn, cut.raw = np.inf, np.full((1, 12, 12), 3.0)
-    assert not saturated(cut, np.array([3.0]))[0]
+    level = np.array([3.0])
+    told, least = saturated(raw, None, level, np.inf)
+    assert told[0] == flagged and least.ravel() == [103.0]
+    assert saturated(raw, None, level, 103.0)[0][0]
+    assert saturated(raw, None, level, 90.0)[1].ravel() == [90.0]
+    assert not saturated(np.full((1, 12, 12), 3.0), None, level, np.inf)[0][0]
 
 
 @pytest.mark.parametrize(
