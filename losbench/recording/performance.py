@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from losbench.arrays import Floats
 from losbench.pointing.performance import PointingMetrics, pointing_metrics
 from losbench.recording.measurement import Measurement
-from losbench.recording.sensitivity import AXES, finite
 from losbench.series import runs
-from losbench.units import rad_to_arcsec
 
-__all__ = ["METRICS", "metric_numbers", "metric_sentences", "metrics_of"]
+__all__ = ["metrics_of"]
 
-METRICS = ("ape", "mpe", "rpe", "smear", "jitter")
 _FEWEST = 20  # frames with angles
 _WINDOWS = 10  # of a record, where no length was asked for
 _SHORTEST = 4  # frames
@@ -51,40 +46,3 @@ def _timed_angles(measurement: Measurement) -> tuple[Floats, Floats]:
     time_s = measurement.table["time_s"].to_numpy()
     timed = np.isfinite(time_s)
     return time_s[timed], measurement.attitude.angles[timed]
-
-
-def metric_numbers(found: PointingMetrics) -> dict[str, Any]:
-    """As report.json has them."""
-    axes: dict[str, dict[str, Any]] = {}
-    for i, axis in enumerate(AXES):
-        axes[axis] = {}
-        for name in METRICS:
-            metric = getattr(found, name)
-            interval = rad_to_arcsec(metric.interval[i])
-            axes[axis][f"{name}_arcsec"] = finite(float(rad_to_arcsec(metric.value[i])))
-            axes[axis][f"{name}_interval_95_arcsec"] = [finite(v) for v in interval]
-    return {
-        "window_s": finite(found.window_s),
-        "windows": found.windows,
-        "dropped": found.dropped,
-        "axes": axes,
-        "notes": list(found.notes),
-    }
-
-
-def metric_sentences(found: PointingMetrics) -> list[str]:
-    """Say them, an axis a line."""
-    lines = []
-    for i, name in enumerate(AXES.values()):
-        parts = []
-        for key in METRICS:
-            metric = getattr(found, key)
-            low, high = rad_to_arcsec(metric.interval[i])
-            between = f" ({low:.3g} to {high:.3g})" if np.isfinite(low) else " (no interval)"
-            word = key.upper() if len(key) == 3 else key
-            parts.append(f"{word} {float(rad_to_arcsec(metric.value[i])):.3g}{between}")
-        lines.append(
-            f"Pointing about {name} in windows of {found.window_s:.4g} s, arcsec (95 %): "
-            + ", ".join(parts)
-        )
-    return lines

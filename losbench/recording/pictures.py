@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Floats
-from losbench.pointing.performance import PointingMetrics
+from losbench.pointing import told
+from losbench.pointing.told import Sensitivity
 from losbench.recording.measurement import Measurement
-from losbench.recording.performance import METRICS
 from losbench.recording.readers import Recording
-from losbench.recording.sensitivity import AXES, Sensitivity, temperature_columns
+from losbench.recording.sensitivity import AXES, temperature_columns
 from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ __all__ = [
     "compensated_figure",
     "frame_figure",
     "leftover_figure",
-    "metrics_figure",
     "over_temperature_figure",
     "shifts_figure",
     "temperature_figure",
@@ -139,49 +138,7 @@ def over_temperature_figure(measurement: Measurement, fit: Sensitivity) -> Figur
 
 def compensated_figure(measurement: Measurement, fit: Sensitivity) -> Figure:
     """Over time, each angle beside what the temperature predicts, and what that leaves over."""
-    from matplotlib.figure import Figure
-
-    along, label = _abscissa(measurement)
-    table, many = fit.compensated(measurement.table), len(measurement.table) > _MANY
-    fig = Figure(figsize=(8.0, 6.6))
-    axes = fig.subplots(3, 2, sharex=True)
-    far = np.zeros((len(table), 3), dtype=bool)
-    far[fit.used] = fit.found.rejected
-    for i, (row, name) in enumerate(zip(axes, AXES, strict=True)):
-        row[0].plot(along, table[f"{name}_arcsec"], ".", ms=3, label="measured", rasterized=many)
-        predicted = rad_to_arcsec(fit.predicted[:, i])
-        row[0].plot(along, predicted, lw=1.2, label="by temperature", rasterized=many)
-        row[0].set_ylabel(f"about {AXES[name]} (arcsec)")
-        left = table[f"{name}_compensated_arcsec"].to_numpy()
-        row[1].plot(along, left, ".", ms=3, rasterized=many)
-        row[1].plot(along[far[:, i]], left[far[:, i]], "x", color="#D55E00", label="set aside")
-        row[1].set_ylabel("left over (arcsec)")
-    axes[0, 0].legend()
-    if far.any():
-        axes[int(np.argmax(far.any(axis=0))), 1].legend()
-    for axis in axes[-1]:
-        axis.set_xlabel(label)
-    return fig
-
-
-def metrics_figure(found: PointingMetrics) -> Figure:
-    """Each pointing metric of each axis with its interval."""
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(8.0, 3.4))
-    axis = fig.subplots()
-    place = np.arange(len(METRICS))
-    for i, (name, mark) in enumerate(zip(AXES.values(), "os^", strict=True)):
-        metrics = [getattr(found, key) for key in METRICS]
-        value = rad_to_arcsec(np.array([metric.value[i] for metric in metrics]))
-        low, high = rad_to_arcsec(np.array([metric.interval[i] for metric in metrics])).T
-        at = place + 0.18 * (i - 1)
-        (line,) = axis.plot(at, value, mark, ms=5, label=f"about {name}")
-        axis.vlines(at, low, high, color=line.get_color(), lw=1.5)
-    axis.set_xticks(place, [key.upper() if len(key) == 3 else key for key in METRICS])
-    axis.set(ylabel=f"windows of {found.window_s:.4g} s (arcsec)", yscale="log")
-    axis.legend(ncols=3)
-    return fig
+    return told.compensated_figure(fit, measurement.table, *_abscissa(measurement))
 
 
 def temperature_figure(measurement: Measurement) -> Figure:

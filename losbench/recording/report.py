@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from losbench.__about__ import __version__
 from losbench.made import Made
 from losbench.outputs import Claim, into
 from losbench.page import Answer, Picture, page, replies_to_dict
 from losbench.pointing.performance import PointingMetrics
+from losbench.pointing.told import (
+    Sensitivity,
+    metric_numbers,
+    metric_sentences,
+    metrics_figure,
+    table_of,
+)
 from losbench.recording import pictures
 from losbench.recording.measurement import Measurement
-from losbench.recording.performance import metric_numbers, metric_sentences, metrics_of
+from losbench.recording.performance import metrics_of
 from losbench.recording.readers import Recording
 from losbench.recording.sections import CHAPTERS, Told, answers
-from losbench.recording.sensitivity import Sensitivity, sensitivity_of, temperature_columns
-
-if TYPE_CHECKING:
-    import pandas as pd
+from losbench.recording.sensitivity import ABOUT, sensitivity_of, temperature_columns
 
 __all__ = ["WRITTEN", "write_report"]
 
@@ -83,7 +86,7 @@ def write_report(
         said += [*fit.sentences(), *fit.notes()]
         table = fit.compensated(table)
     if metrics is not None:
-        said += [*metric_sentences(metrics), *metrics.notes]
+        said += [*metric_sentences(metrics, ABOUT), *metrics.notes]
     counted = f"{len(table)} frames, {len(measurement.reference_px)} spots: {name}"
     with styled():
         drawn = _pictures(measurement, recording, fit, metrics)
@@ -91,12 +94,12 @@ def write_report(
         replies = answers(told)
         files: dict[str, str | bytes] = {
             "report.html": _page(told, replies, counted),
-            "measurement.csv": _csv(table),
+            "measurement.csv": table.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
         }
         if fit is not None:
-            files["sensitivity.csv"] = _csv(_by_axis(fit.found.table()))
+            files["sensitivity.csv"] = table_of(fit.found.table(), ABOUT)
         if metrics is not None:
-            files["metrics.csv"] = _csv(_by_axis(metrics.table()))
+            files["metrics.csv"] = table_of(metrics.table(), ABOUT)
         files |= {f"{each}.png": picture.png() for each, picture in drawn.items()}
     report = {
         "losbench": __version__,
@@ -108,7 +111,7 @@ def write_report(
         "sensitivity_to": None if fit is None else fit.column,
         "sensitivity": None if fit is None else fit.numbers(),
         "sensitivity_notes": [] if fit is None else fit.notes(),
-        "pointing": None if metrics is None else metric_numbers(metrics),
+        "pointing": None if metrics is None else metric_numbers(metrics, ABOUT),
         "made": told.made.to_dict(),
     }
     with into(folder, WRITTEN) as results:
@@ -134,14 +137,6 @@ def _page(told: Told, replies: list[Answer], counted: str) -> str:
             *(f"{each}.png" for each in told.pictures),
         ],
     )
-
-
-def _csv(table: pd.DataFrame) -> str:
-    return str(table.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
-
-
-def _by_axis(table: pd.DataFrame) -> pd.DataFrame:
-    return table.assign(axis=["XYZ"[i - 1] for i in table["axis"]])
 
 
 def _pictures(
@@ -196,6 +191,6 @@ def _pictures(
             "Pointing metrics",
             "How far the line of sight is off, moves and shakes within a window, with 95 % "
             "intervals.",
-            pictures.metrics_figure(metrics),
+            metrics_figure(metrics, ABOUT),
         )
     return drawn

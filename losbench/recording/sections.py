@@ -15,11 +15,11 @@ from losbench.imaging.results import SpotFlag
 from losbench.made import Made
 from losbench.page import QUESTIONS, Answer, Picture, section, sentences, table
 from losbench.pointing.performance import PointingMetrics
+from losbench.pointing.told import Sensitivity, metrics_section, sensitivity_section
 from losbench.recording.belief import Belief
 from losbench.recording.measurement import Measurement
-from losbench.recording.performance import METRICS, metric_sentences
 from losbench.recording.readers import Recording
-from losbench.recording.sensitivity import AXES, Sensitivity, temperature_columns
+from losbench.recording.sensitivity import ABOUT, AXES, temperature_columns
 from losbench.units import rad_to_arcsec
 
 __all__ = ["CHAPTERS", "Told", "answers"]
@@ -201,70 +201,17 @@ def leftover(told: Told) -> str:
 
 def sensitivity(told: Told) -> str:
     """Sensitivity of each axis to the first temperature, and whether to trust it."""
-    fit = told.sensitivity
-    if fit is None:
+    if told.sensitivity is None:
         return ""
-    heads = [
-        "axis",
-        "sensitivity (arcsec/degC)",
-        "95 % from",
-        "to",
-        "by one lag",
-        "lag (s)",
-        "lag is",
-        "one lag fits, p",
-        "left after compensation (arcsec rms)",
-        "frames set aside",
-    ]
-    rows = [
-        [
-            AXES[axis],
-            each["arcsec_per_degC"],
-            *each["interval_95_arcsec_per_degC"],
-            each["one_lag_arcsec_per_degC"],
-            each["lag_s"],
-            each["lag_state"],
-            _p(each["one_lag_p_value"]),
-            each["rms_arcsec"],
-            each["rejected_frames"],
-        ]
-        for axis, each in fit.numbers().items()
-    ]
-    return section(
-        "Sensitivity to temperature",
-        table(heads, rows, caption=f"Sensitivity to {fit.column}, at rest"),
-        sentences([*fit.sentences(), *fit.notes()]),
-        _drawn(told, "compensated"),
-        _drawn(told, "angles-over-temperature"),
-    )
+    drawn = (_drawn(told, name) for name in ("compensated", "angles-over-temperature"))
+    return sensitivity_section(told.sensitivity, *drawn)
 
 
 def metrics(told: Told) -> str:
     """Pointing metrics of each axis."""
-    found = told.metrics
-    if found is None:
+    if told.metrics is None:
         return ""
-    rows = []
-    for key in METRICS:
-        metric = getattr(found, key)
-        cells = [
-            [float(rad_to_arcsec(metric.value[i])), *map(float, rad_to_arcsec(metric.interval[i]))]
-            for i in range(3)
-        ]
-        rows.append(
-            [key.upper() if len(key) == 3 else key, *(cell for row in cells for cell in row)]
-        )
-    heads = [f"{name}{what}" for name in AXES.values() for what in (" (arcsec)", ", from", ", to")]
-    caption = (
-        f"Over {found.windows} windows of {found.window_s:.4g} s, with 95 % intervals; "
-        f"{found.dropped} dropped for gaps"
-    )
-    return section(
-        "Pointing metrics",
-        table(["metric", *heads], rows, caption=caption),
-        sentences([*metric_sentences(found), *found.notes]),
-        _drawn(told, "metrics"),
-    )
+    return metrics_section(told.metrics, ABOUT, _drawn(told, "metrics"))
 
 
 def angles(told: Told) -> str:
@@ -328,10 +275,6 @@ CHAPTERS: dict[str, list[Callable[[Told], str]]] = {
     _NUMBER: [sensitivity, metrics, angles, shifts, temperatures],
     _CHANGE: [changes],
 }
-
-
-def _p(value: float | None) -> str:
-    return "" if value is None else f"{value:.2g}"
 
 
 def _drawn(told: Told, name: str) -> str:

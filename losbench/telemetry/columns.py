@@ -84,6 +84,8 @@ class TelemetryFormat:
         Standard deviation of a spot position, for the drift's uncertainty.
     boresight : (float, float, float)
         Line of sight in the axes of the attitude.
+    temperatures : column names, optional
+        Temperatures beside the attitudes, degC; the angle's sensitivity is to the first.
     head_1, head_2, head_3, head_4 : HeadColumns
         The heads, the last two if there are so many.
     """
@@ -102,6 +104,7 @@ class TelemetryFormat:
     pixel_um: float | None = None
     spot_sigma_um: float | None = None
     boresight: tuple[float, ...] = (0.0, 0.0, 1.0)
+    temperatures: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.scalar is None) != (self.direction is None):
@@ -151,8 +154,12 @@ class TelemetryFormat:
 
     @property
     def columns(self) -> list[str]:
-        """Names of all columns: clocks, then quaternion and spots of each head."""
-        return [*self.clocks, *(c for head in self.heads for c in head.columns)]
+        """Names of all columns: clocks, quaternion and spots of each head, temperatures."""
+        return [
+            *self.clocks,
+            *(c for head in self.heads for c in head.columns),
+            *self.temperatures,
+        ]
 
     @property
     def convention(self) -> QuaternionConvention | None:

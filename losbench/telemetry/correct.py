@@ -32,6 +32,7 @@ from losbench.telemetry.notes import (
     missing_notes,
     slow_notes,
 )
+from losbench.telemetry.pointing import metrics_of, sensitivity_of
 from losbench.telemetry.read import Telemetry, read_pairs
 from losbench.telemetry.report import WRITTEN, PairReport, write_pairs
 from losbench.telemetry.tracks import short_notes, track_table
@@ -174,7 +175,18 @@ def _judged(
         *clock_notes(read, angle),
         *missing_notes(spots=pair is not None, designed=designed_deg is not None, zero_deg=zero),
     )
-    return PairReport(read, pair, zero, designed_deg is not None, angle, tracks, notes, heads)
+    return PairReport(
+        read,
+        pair,
+        zero,
+        designed_deg is not None,
+        angle,
+        tracks,
+        notes,
+        heads,
+        metrics=metrics_of(angle, window),
+        sensitivity=sensitivity_of(angle, read.sensors),
+    )
 
 
 def _described(sources: Sequence[Path], described: Path) -> TelemetryFormat:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -36,12 +36,13 @@ _SLOWEST_S = 1.0  # step that two clocks are bridged over
 @dataclass(frozen=True)
 class Telemetry:
     """A pair's telemetry as read: times as in the file or since ``start``, where UTC is known; what
-    was noticed.
+    was noticed; temperatures (n,) by their column, degC.
     """
 
     pair: PairTelemetry
     start: np.datetime64 | None
     notes: tuple[str, ...]
+    sensors: Mapping[str, Floats] = field(default_factory=dict)
 
 
 def read_telemetry(
@@ -105,6 +106,9 @@ def read_pairs(
     of_head = {head: files[head - 1] if len(files) > 1 else files[0] for head in wanted}
     tables = {file: read_table(file, dialect) for file in dict.fromkeys(of_head.values())}
     sources = {head: _source(tables[of_head[head]], head, form, len(files)) for head in wanted}
+    first = tables[of_head[pairs[0][0]]]
+    if lost := [name for name in form.temperatures if name not in first.names]:
+        raise ValueError(f"{first.file} has no column {', '.join(lost)}; it has {first.listed()}")
     return [_pair(sources[j], sources[k], form) for j, k in pairs]
 
 
@@ -146,7 +150,11 @@ def _pair(one: _Source, other: _Source, form: TelemetryFormat) -> Telemetry:
         installation=np.stack([np.array(form.heads[k - 1].installation) for k in heads]),
         boresight=form.boresight,
     )
-    return Telemetry(pair, clocks[0].start, tuple(dict.fromkeys([*notes, *said])))
+    timed = np.isfinite(times[0])
+    # Temperatures keep the clock of the file they stand in, which is that of the pair's first head.
+    there = [column for column in form.temperatures if column in one.table.names]
+    sensors = {column: one.table.numbers(column)[timed] for column in there}
+    return Telemetry(pair, clocks[0].start, tuple(dict.fromkeys([*notes, *said])), sensors)
 
 
 def _settled_convention(

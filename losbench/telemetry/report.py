@@ -15,8 +15,11 @@ from losbench.arrays import Floats
 from losbench.made import Made
 from losbench.outputs import Claim
 from losbench.page import Picture, page, replies_to_dict
+from losbench.pointing.performance import PointingMetrics
 from losbench.pointing.starcamera import CorrectedPair
+from losbench.pointing.told import Sensitivity, metric_numbers, metric_sentences, table_of
 from losbench.tables.moments import utc_after
+from losbench.telemetry.pointing import names_of
 from losbench.telemetry.read import Telemetry
 from losbench.telemetry.tracks import track_lines
 
@@ -25,7 +28,17 @@ if TYPE_CHECKING:
 
 __all__ = ["WRITTEN", "PairReport", "write_pairs"]
 
-_OF_A_PAIR = ("angle.csv", "angle.png", "corrected.csv", "drift.png", "leftover.png")
+_OF_A_PAIR = (
+    "angle.csv",
+    "angle.png",
+    "corrected.csv",
+    "drift.png",
+    "leftover.png",
+    "metrics.csv",
+    "metrics.png",
+    "sensitivity.csv",
+    "compensated.png",
+)
 _PAIRS = list(combinations(range(1, 5), 2))
 WRITTEN = (
     "report.html",
@@ -61,6 +74,11 @@ class PairReport:
         Which two they are.
     others : tuple of PairReport
         The other pairs, where there are more than two heads.
+    metrics : PointingMetrics or None
+        Of the angle before and after, over windows that split LSFE from NEA; None where samples are
+        too few.
+    sensitivity : Sensitivity or None
+        Of the same to the first temperature; None without one that moves.
     """
 
     telemetry: Telemetry
@@ -72,6 +90,8 @@ class PairReport:
     notes: tuple[str, ...]
     heads: tuple[int, int] = (1, 2)
     others: tuple[PairReport, ...] = ()
+    metrics: PointingMetrics | None = None
+    sensitivity: Sensitivity | None = None
 
     def summary(self) -> str:
         """Return the report as text: every track in a line, then the notes; of several pairs one
@@ -81,6 +101,11 @@ class PairReport:
         for each in (self, *self.others):
             title = [f"Heads {each.heads[0]} and {each.heads[1]}:"] if self.others else []
             lines += [*title, *track_lines(each.tracks, each.zero_deg), *each.notes]
+            names = names_of(each.angle)
+            if each.metrics is not None:
+                lines += [*metric_sentences(each.metrics, names), *each.metrics.notes]
+            if each.sensitivity is not None:
+                lines += [*each.sensitivity.sentences(), *each.sensitivity.notes()]
         return "\n".join(lines)
 
 
@@ -158,6 +183,12 @@ def _numbers(report: PairReport) -> dict[str, object]:
         "samples": len(known),
         "samples_with_an_angle": int(np.isfinite(known).sum()),
         "tracks": report.tracks.to_dict(orient="records"),
+        "pointing": None
+        if report.metrics is None
+        else metric_numbers(report.metrics, names_of(report.angle)),
+        "sensitivity_to": None if report.sensitivity is None else report.sensitivity.column,
+        "sensitivity": None if report.sensitivity is None else report.sensitivity.numbers(),
+        "sensitivity_notes": [] if report.sensitivity is None else report.sensitivity.notes(),
         "notes": list(report.notes),
     }
 
@@ -165,7 +196,10 @@ def _numbers(report: PairReport) -> dict[str, object]:
 def _tables(report: PairReport) -> dict[str, str]:
     time = report.telemetry.pair.time_s
     order = "xyzw" if report.telemetry.pair.convention.scalar == "last" else "wxyz"
-    tables = {"angle.csv": (report.angle.assign(time_s=np.char.mod("%.6f", time)), "%.9g")}
+    angle, names = report.angle, names_of(report.angle)
+    if report.sensitivity is not None:
+        angle = report.sensitivity.compensated(angle)
+    tables = {"angle.csv": (angle.assign(time_s=np.char.mod("%.6f", time)), "%.9g")}
     if report.pair is not None:
         tables["corrected.csv"] = (
             _corrected_table(time, report.pair.quaternions, report.heads, order),
@@ -174,7 +208,12 @@ def _tables(report: PairReport) -> dict[str, str]:
     if report.telemetry.start is not None:
         for table, _ in tables.values():
             table.insert(0, "time", _utc(report.telemetry.start, time))
-    return {name: _as_csv(table, digits) for name, (table, digits) in tables.items()}
+    written = {name: _as_csv(table, digits) for name, (table, digits) in tables.items()}
+    if report.metrics is not None:
+        written["metrics.csv"] = table_of(report.metrics.table(), names)
+    if report.sensitivity is not None:
+        written["sensitivity.csv"] = table_of(report.sensitivity.found.table(), names)
+    return written
 
 
 def _as_csv(table: pd.DataFrame, digits: str) -> str:

@@ -12,8 +12,15 @@ from typing import Any
 
 from losbench.made import Made
 from losbench.page import QUESTIONS, Answer, Doubt, Picture, section, sentences, table
+from losbench.pointing.told import (
+    compensated_figure,
+    metrics_figure,
+    metrics_section,
+    sensitivity_section,
+)
 from losbench.telemetry.conventions import evidence
 from losbench.telemetry.pictures import angle_figure, drift_figure, leftover_figure
+from losbench.telemetry.pointing import names_of
 from losbench.telemetry.report import PairReport, all_tracks
 from losbench.telemetry.tracks import track_lines
 
@@ -79,6 +86,23 @@ def pictures_of(report: PairReport, first: PairReport) -> dict[str, Picture]:
             f"What a turn leaves of the spots' shifts{several}",
             "Shift less that of a head that only turns, on the detector.",
             leftover_figure(report.angle, report.pair, report.heads),
+        )
+    if report.metrics is not None:
+        drawn["metrics"] = Picture(
+            f"Pointing metrics of the angle{several}",
+            "How far it is off, moves and shakes within a window, with 95 % intervals.",
+            metrics_figure(report.metrics, names_of(report.angle)),
+        )
+    if report.sensitivity is not None:
+        drawn["compensated"] = Picture(
+            f"Angle compensated for temperature{several}",
+            "Measured and predicted by the temperature, and what that leaves over.",
+            compensated_figure(
+                report.sensitivity,
+                report.angle,
+                report.angle["time_s"].to_numpy(),
+                "time (s)",
+            ),
         )
     return drawn
 
@@ -198,6 +222,31 @@ def angles(told: Told) -> str:
     )
 
 
+def metrics(told: Told) -> str:
+    """Pointing metrics of each pair's angle."""
+    return "\n".join(
+        metrics_section(
+            pair.metrics,
+            names_of(pair.angle),
+            told.pictures[f"{before}metrics"].html(),
+            title=several,
+        )
+        for several, before, pair in told.named()
+        if pair.metrics is not None
+    )
+
+
+def sensitivity(told: Told) -> str:
+    """Sensitivity of each pair's angle to temperature."""
+    return "\n".join(
+        sensitivity_section(
+            pair.sensitivity, told.pictures[f"{before}compensated"].html(), title=several
+        )
+        for several, before, pair in told.named()
+        if pair.sensitivity is not None
+    )
+
+
 def drift(told: Told) -> str:
     """The drift of each head."""
     return _drawn(told, "Drift of the heads", "drift")
@@ -211,7 +260,7 @@ def changes(told: Told) -> str:
 CHAPTERS: dict[str, list[Callable[[Told], str]]] = {
     _WORKED: [samples, notes],
     _BELIEF: [conventions, leftover],
-    _NUMBER: [angles, drift],
+    _NUMBER: [angles, metrics, sensitivity, drift],
     _CHANGE: [changes],
 }
 

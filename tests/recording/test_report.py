@@ -11,10 +11,11 @@ import pytest
 import losbench as lb
 from losbench.logs import FrameTimes, TemperatureLog
 from losbench.pointing.thermal.lag import lagged
-from losbench.recording.performance import metric_sentences, metrics_of
+from losbench.pointing.told import finite, metric_sentences
+from losbench.recording.performance import metrics_of
 from losbench.recording.readers import Recording
 from losbench.recording.report import write_report
-from losbench.recording.sensitivity import finite, sensitivity_of
+from losbench.recording.sensitivity import ABOUT, sensitivity_of
 from losbench.recording.stamps import Stamp
 from losbench.units import arcsec_to_rad, rad_to_arcsec
 
@@ -130,7 +131,7 @@ def test_metrics_are_those_of_the_angles_and_say_their_window(warmed):
     assert found.window_s == pytest.approx(360.0)
     same = lb.pointing_metrics(measured.attitude.angles, TIME_S, 360.0)
     np.testing.assert_array_equal(found.rpe.value, same.rpe.value)
-    line = metric_sentences(found)[2]
+    line = metric_sentences(found, ABOUT)[2]
     assert line.startswith("Pointing about Z in windows of 360 s, arcsec (95 %): APE ")
     assert f"RPE {rad_to_arcsec(found.rpe.value[2]):.3g} (" in line
     assert metrics_of(measured, 120.0).window_s == pytest.approx(120.0)
@@ -153,7 +154,7 @@ def test_all_of_it_goes_into_table_page_and_report(warmed, tmp_path):
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["sensitivity_to"] == "temperature_room_degC"
     assert report["pointing"]["window_s"] == 300.0
-    axis = report["pointing"]["axes"]["gamma"]
+    axis = report["pointing"]["series"]["gamma"]
     low, high = axis["rpe_interval_95_arcsec"]
     assert low < axis["rpe_arcsec"] < high
     table = pd.read_csv(tmp_path / "measurement.csv")
@@ -162,11 +163,11 @@ def test_all_of_it_goes_into_table_page_and_report(warmed, tmp_path):
         report["sensitivity"]["gamma"]["rms_arcsec"], rel=1e-4
     )
     of_axis = pd.read_csv(tmp_path / "sensitivity.csv").set_index("axis")
-    assert of_axis.loc["Z", "arcsec_per_degC"] == pytest.approx(
+    assert of_axis.loc["gamma", "arcsec_per_degC"] == pytest.approx(
         report["sensitivity"]["gamma"]["arcsec_per_degC"], abs=1e-6
     )
     metrics = pd.read_csv(tmp_path / "metrics.csv")
-    assert set(metrics["axis"]) == {"X", "Y", "Z"} and {"APE", "jitter"} <= set(metrics["metric"])
+    assert set(metrics["axis"]) == set(NAMES) and {"APE", "jitter"} <= set(metrics["metric"])
     page = (tmp_path / "report.html").read_text()
     for words in ("Pointing metrics", "Sensitivity to temperature_room_degC, at rest", "one lag"):
         assert words in page

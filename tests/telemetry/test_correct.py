@@ -1,5 +1,6 @@
 """From a pair's CSV file to corrected attitudes, and every way in which such a file is wrong."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,13 @@ from scipy.spatial.transform import Rotation
 from losbench.papers.ren2023.export import write_telemetry
 from losbench.papers.ren2023.scenario import CONVENTION, Pair
 from losbench.papers.ren2023.twin import body_attitude, simulate
+from losbench.pointing.performance import pointing_metrics
 from losbench.pointing.starcamera import earth_velocity_km_s, remove_aberration
+from losbench.pointing.thermal.lag import lagged
 from losbench.telemetry.columns import TelemetryFormat
 from losbench.telemetry.correct import correct_telemetry
 from losbench.telemetry.read import read_telemetry
+from losbench.units import arcsec_to_rad, rad_to_arcsec
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -65,12 +69,89 @@ def test_the_example_comes_back_with_its_drift_and_without_it_in_the_angle(examp
         "leftover.png",
         "angle.png",
         "drift.png",
+        "metrics.csv",
+        "metrics.png",
     }
     corrected = pd.read_csv(tmp_path / "out" / "corrected.csv")
     q = corrected[["q1_x", "q1_y", "q1_z", "q1_w"]].to_numpy()
     np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-11)
     np.testing.assert_allclose(q, report.pair.quaternions[0], atol=1e-11)
     assert report.summary() + "\n" == (tmp_path / "out" / "report.txt").read_text()
+
+
+def test_the_metrics_are_those_of_the_angle_over_the_window_that_splits_it(example, tmp_path):
+    report = correct_telemetry(example / "telemetry.csv", tmp_path / "out", window=9)
+    found, angle = report.metrics, report.angle
+    step_s = float(np.median(np.diff(angle["time_s"])))
+    assert found.window_s == pytest.approx(9 * step_s)
+    same = pointing_metrics(
+        arcsec_to_rad(angle[["before_arcsec", "after_arcsec"]].to_numpy()),
+        angle["time_s"].to_numpy(),
+        9 * step_s,
+        observations=angle["track"].to_numpy(),
+    )
+    np.testing.assert_array_equal(found.jitter.value, same.jitter.value)
+    assert (rad_to_arcsec(found.pre.value) > 0).all()  # between the two tracks
+    told = json.loads((tmp_path / "out" / "report.json").read_text())["pairs"][0]
+    after = told["pointing"]["series"]["after"]
+    low, high = after["rpe_interval_95_arcsec"]
+    assert low < after["rpe_arcsec"] < high
+    assert told["sensitivity"] is None
+    written = pd.read_csv(tmp_path / "out" / "metrics.csv")
+    assert set(written["axis"]) == {"before", "after"}
+    summary = report.summary()
+    assert "Pointing of the angle corrected in windows of" in summary
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Pointing metrics" in page and "Sensitivity to" not in page
+    short = changed(example, tmp_path, lambda t: t.iloc[:60])
+    small = correct_telemetry(
+        short, tmp_path / "short", window=7, columns=example / "telemetry.toml"
+    )
+    assert small.metrics is None
+
+
+def test_the_angle_s_sensitivity_is_to_the_first_temperature_that_stands_beside(
+    example, form, tmp_path
+):
+    angle = correct_telemetry(example / "telemetry.csv", tmp_path / "plain").angle
+    rng = np.random.default_rng(2)
+    slow = 20.0 + np.linspace(0.0, 8.0, len(angle))
+    turn = 0.5 * lagged(slow - 20.0, angle["time_s"].to_numpy(), 4.0)  # arcsec, of the second head
+
+    def warmed(table):
+        q = table[[f"q2_{axis}" for axis in "xyzw"]].to_numpy()
+        axis = np.cross(*boresights(table))
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        turned = Rotation.from_rotvec(arcsec_to_rad(turn)[:, None] * axis) * Rotation.from_quat(q)
+        columns = dict(zip([f"q2_{axis}" for axis in "xyzw"], turned.as_quat().T, strict=True))
+        return table.assign(tube_degC=slow, **columns, wall_degC=rng.uniform(18, 22, len(table)))
+
+    path = changed(example, tmp_path, warmed)
+    described = replace(form, temperatures=("tube_degC", "wall_degC"))
+    path.with_suffix(".toml").write_text(described.to_toml())
+    report = correct_telemetry(path, tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "report.json").read_text())["pairs"][0]
+    assert told["sensitivity_to"] == "tube_degC"
+    low, high = told["sensitivity"]["before"]["interval_95_arcsec_per_degC"]
+    assert low < told["sensitivity"]["before"]["arcsec_per_degC"] < high
+    assert low < 0.5 < high
+    assert "Sensitivity of the angle uncorrected to tube_degC: " in report.summary()
+    table = pd.read_csv(tmp_path / "out" / "angle.csv")
+    left = table["before_arcsec"] - table["before_compensated_arcsec"]
+    np.testing.assert_allclose(left, rad_to_arcsec(report.sensitivity.predicted[:, 0]), atol=1e-6)
+    for name in ("sensitivity.csv", "compensated.png", "metrics.png"):
+        assert (tmp_path / "out" / name).stat().st_size > 50
+    assert "Sensitivity to tube_degC, at rest" in (tmp_path / "out" / "report.html").read_text()
+    path.with_suffix(".toml").write_text(replace(form, temperatures=("T9",)).to_toml())
+    with pytest.raises(ValueError, match=r"telemetry\.csv has no column T9; it has"):
+        correct_telemetry(path, tmp_path / "again")
+
+
+def boresights(table):
+    return [
+        Rotation.from_quat(table[[f"q{k}_{axis}" for axis in "xyzw"]].to_numpy()).apply([0, 0, 1])
+        for k in (1, 2)
+    ]
 
 
 def test_a_format_survives_its_toml(form, tmp_path):
