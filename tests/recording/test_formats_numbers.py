@@ -3,6 +3,7 @@ side."""
 
 import struct
 import zlib
+from dataclasses import replace
 from types import SimpleNamespace
 
 import cv2
@@ -11,6 +12,9 @@ import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.recording.frames.joined import join
+from losbench.recording.frames.pixelfiles import _detector
+from losbench.recording.frames.protocol import Found, decoding
 from losbench.recording.frames.tiff import _directories, _segments
 from losbench.recording.frames.video import _count, open_video
 
@@ -288,6 +292,87 @@ def pixel_file(path, quality, corner):
     table = fits.BinTableHDU.from_columns(columns)
     table.header["1CRV5P"], table.header["2CRV5P"] = corner
     fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
+
+
+@pytest.mark.parametrize("marked", [0, 1])
+def test_one_marked_frame_is_worth_a_word_and_none_is_not(tmp_path, marked):
+    pixel_file(tmp_path / "a.fits", [0, 0, marked], (100, 200))
+    notes = lb.read_recording(tmp_path / "a.fits").notes
+    assert [note[:11] for note in notes if "QUALITY" in note] == ["1 of 3 fram"] * marked
+
+
+@pytest.mark.parametrize(("gain", "floor"), [(4.0, 9.0), (0.0, 9.0), (0.0, 0.0), (-1.0, 900.0)])
+def test_a_pixel_file_s_own_errors_tell_the_detector(gain, floor):
+    """Variance = flux / gain + read noise; none where it does not grow with the flux."""
+    flux = np.linspace(10.0, 500.0, 60)
+    variance = (flux / gain if gain else 0.0 * flux) + floor
+    found = _detector(np.stack([flux, variance]))
+    if gain > 0:
+        assert found.gain_e_per_dn == pytest.approx(gain)
+        assert found.read_noise_e == pytest.approx(gain * np.sqrt(floor))
+    else:
+        assert found is None or (gain == 0.0 and floor)  # rounding may tilt a constant
+    assert _detector(np.full((2, 60), np.nan)) is None
+
+
+@pytest.mark.parametrize("known", [(True, True), (True, False), (False, True), (False, False)])
+def test_times_go_on_over_files_where_all_know_utc(known):
+    second = np.timedelta64(10**9, "ns")
+    starts = np.datetime64("2026-03-01T12:00:00", "ns") + np.array([0, 90]) * second
+    parts = [
+        Found(
+            name=f"{k}",
+            source=SimpleNamespace(n_frames=3),
+            time_s=np.arange(3.0),
+            start=start if utc else None,
+        )
+        for k, (start, utc) in enumerate(zip(starts, known, strict=True))
+    ]
+    found = join(parts, "both")
+    if all(known):
+        np.testing.assert_allclose(found.time_s, [0, 1, 2, 90, 91, 92])
+        assert found.start == starts[0]
+    else:
+        assert found.time_s is None and found.start is None
+    untimed = join([parts[0], replace(parts[1], time_s=None)], "both")
+    assert untimed.time_s is None and untimed.source.n_frames == 6
+    assert join(parts[:1], "one") is parts[0]
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ValueError(), "ValueError"),
+        (OSError(5, "broken  pipe"), "[Errno 5] broken pipe"),
+        (KeyError("BITPIX"), "BITPIX is missing"),
+        (KeyError("two words"), "two words"),
+        (ValueError("x" * 300), "x" * 200),
+        (ValueError("one\nline"), "one line"),
+    ],
+)
+def test_what_a_decoder_raises_is_told_in_a_line(error, said):
+    with pytest.raises(lb.UnreadableFrame) as told, decoding("a.fits"):
+        raise error
+    assert str(told.value) == f"a.fits cannot be read: {said}"
+
+
+def test_single_frames_are_read_to_the_last():
+    stamp = lb.read_recording(GREY.astype(np.uint16), period_s=1.0).stamps[0]
+    for k in range(3):
+        np.testing.assert_array_equal(stamp.load(k), GREY[k])
+
+
+@pytest.mark.parametrize("head", ["", "x,y\n", "x_px,y_px\n", "# x y\n", "X1;Y1\n"])
+def test_a_list_of_bad_pixels_may_have_a_head(tmp_path, head):
+    (tmp_path / "bad.csv").write_text(f"{head}3,2\n\n7 5 # hot\n")
+    recording = lb.read_recording(
+        GREY.astype(np.uint16), period_s=1.0, bad_pixels=tmp_path / "bad.csv"
+    )
+    bad = np.isnan(recording.stamps[0].read(0, 1, skip=False).frames[0])
+    assert np.argwhere(bad).tolist() == [[2, 3], [5, 7]]
+    (tmp_path / "bad.csv").write_text("3,2\nx,y\n")
+    with pytest.raises(ValueError, match="got 'x,y' in line 2"):
+        lb.read_recording(GREY.astype(np.uint16), period_s=1.0, bad_pixels=tmp_path / "bad.csv")
 
 
 def test_a_frame_that_one_of_two_files_marks_is_counted_once(tmp_path):

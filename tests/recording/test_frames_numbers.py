@@ -182,6 +182,8 @@ def test_packed_numbers_of_gige_vision_come_back(bits, columns):
     [
         ("mono8", 15),
         ("mono10", 30),
+        ("mono12", 30),
+        ("mono14", 30),
         ("mono16", 30),
         ("mono10p", 19),
         ("mono12p", 23),
