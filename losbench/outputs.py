@@ -59,6 +59,14 @@ class Claim:
             _write(path, data)
         self._sha256[name] = hashlib.sha256(data).hexdigest()
 
+    def gather(self) -> None:
+        """Take what was written to the draft by others into the list of files."""
+        for path in sorted(self.draft.rglob("*")):
+            if path.is_file():
+                with path.open("rb") as file:
+                    digest = hashlib.file_digest(file, "sha256").hexdigest()
+                self._sha256[path.relative_to(self.draft).as_posix()] = digest
+
     def publish(self, report: Mapping[str, Any]) -> None:
         """Write ``report.json``, the list of files added, and put all in the folder's place.
 

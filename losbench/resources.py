@@ -11,7 +11,6 @@ __all__ = [
     "build_folder",
     "data_file",
     "documents_folder",
-    "free_folder",
     "notebook_folder",
     "write_whole",
 ]
@@ -61,20 +60,3 @@ def write_whole(path: Path, content: str | bytes) -> None:
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     draft.write_bytes(content.encode() if isinstance(content, str) else content)
     draft.replace(path)
-
-
-def free_folder(out: str | Path, *, force: bool) -> Path:
-    """Return ``out`` as a folder to write to; ``FileExistsError`` if it holds anything, unless
-    forced.
-
-    The folder is made with its first file. Forcing replaces the files that are written, one by one;
-    nothing else in the folder is touched.
-    """
-    folder = Path(out)
-    if folder.exists() and not folder.is_dir():
-        raise FileExistsError(f"{folder} must be a folder, but is a file")
-    if folder.is_dir() and any(folder.iterdir()) and not force:
-        raise FileExistsError(
-            f"{folder} is not empty: choose another folder, or overwrite with --force"
-        )
-    return folder

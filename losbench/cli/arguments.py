@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from losbench.made import Made
     from losbench.tables.dialect import DialectOptions
 
-__all__ = ["Commands", "add_dialect", "dialect_options", "made_by", "pairs"]
+__all__ = ["Commands", "add_dialect", "dialect_options", "made_by", "pairs", "publishing"]
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001 - its only name
 
@@ -69,6 +70,31 @@ def made_by(options: argparse.Namespace, inputs: Iterable[str | Path]) -> Made:
 
     settings = {name: value for name, value in vars(options).items() if name not in _NO_SETTINGS}
     return Made.by(shlex.join(["losbench", *options.given]), settings, inputs)
+
+
+@contextmanager
+def publishing(
+    options: argparse.Namespace, inputs: Iterable[str | Path], writes: Iterable[str]
+) -> Iterator[Callable[[Mapping[str, str]], None]]:
+    """Claim the folder ``--out``, if it is given, and yield what writes files to it and their
+    report.
+    """
+    from losbench.__about__ import __version__
+    from losbench.outputs import claim
+
+    if options.out is None:
+        yield lambda _: None
+        return
+    inputs = list(inputs)
+    with claim(options.out, inputs=inputs, writes=writes, force=options.force) as results:
+        made = made_by(options, inputs)
+
+        def publish(files: Mapping[str, str]) -> None:
+            for name, content in files.items():
+                results.write(name, content)
+            results.publish({"losbench": __version__, "made": made.to_dict()})
+
+        yield publish
 
 
 def pairs(given: list[str], expected: str) -> dict[str, str]:

@@ -6,10 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from losbench.cli.arguments import Commands
+from losbench.cli.arguments import Commands, publishing
 
 __all__ = ["add"]
 
+_WRITTEN = ("budget.csv", "contributions.csv")
 _FILE = """\
 budget, TOML, arcseconds throughout:
     [[requirement]]
@@ -49,15 +50,12 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     from losbench.pointing.performance import PointingBudget
-    from losbench.resources import free_folder, write_whole
 
-    folder = None if options.out is None else free_folder(options.out, force=options.force)
-    budget = PointingBudget.from_toml(options.budget)
-    table, parts = budget.table(), budget.contributions()
-    if folder is not None:
+    with publishing(options, [options.budget], _WRITTEN) as publish:
+        budget = PointingBudget.from_toml(options.budget)
+        table, parts = budget.table(), budget.contributions()
         style: Any = {"index": False, "lineterminator": "\n", "float_format": "%.9g"}
-        write_whole(folder / "budget.csv", table.to_csv(**style))
-        write_whole(folder / "contributions.csv", parts.to_csv(**style))
+        publish(dict(zip(_WRITTEN, (table.to_csv(**style), parts.to_csv(**style)), strict=True)))
     if not options.quiet:
         print(table.round(3).to_string(index=False))
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from losbench.cli.arguments import Commands
+from losbench.cli.arguments import Commands, made_by
 from losbench.cli.series import add_series, series_of
 
 __all__ = ["add"]
@@ -41,32 +41,36 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from losbench.outputs import claim
     from losbench.pointing.thermal import terms
-    from losbench.resources import free_folder
-    from losbench.telemetry.identified import write_identification
+    from losbench.telemetry.identified import WRITTEN, write_identification
 
-    folder = free_folder(options.out, force=options.force)
-    series = series_of(options, [*options.temperatures, *options.linear])
-    model: terms.Adds = terms.Offset()
-    if options.temperatures:
-        if options.lag == "none":
-            model += terms.Linear(*options.temperatures)
-        else:
-            model += terms.Lagged(*options.temperatures, tau_s=_lag(options.lag))
-    if options.linear:
-        model += terms.Linear(*options.linear)
-    if options.trend:
-        model += terms.Trend(options.trend)
-    if options.steps:
-        model += terms.Steps(tuple(options.steps))
-    if options.period_s:
-        model += terms.Fourier(options.period_s, options.harmonics)
-    folds = options.folds
-    if folds not in (None, "year"):
-        if not str(folds).isdigit():
-            raise ValueError(f"--folds must be a whole number or year, got {folds!r}")
-        folds = int(folds)
-    lines = write_identification(series, model, folder, solver=options.solver, folds=folds)
+    inputs = [options.series]
+    with claim(options.out, inputs=inputs, writes=WRITTEN, force=options.force) as results:
+        made = made_by(options, inputs)
+        series = series_of(options, [*options.temperatures, *options.linear])
+        model: terms.Adds = terms.Offset()
+        if options.temperatures:
+            if options.lag == "none":
+                model += terms.Linear(*options.temperatures)
+            else:
+                model += terms.Lagged(*options.temperatures, tau_s=_lag(options.lag))
+        if options.linear:
+            model += terms.Linear(*options.linear)
+        if options.trend:
+            model += terms.Trend(options.trend)
+        if options.steps:
+            model += terms.Steps(tuple(options.steps))
+        if options.period_s:
+            model += terms.Fourier(options.period_s, options.harmonics)
+        folds = options.folds
+        if folds not in (None, "year"):
+            if not str(folds).isdigit():
+                raise ValueError(f"--folds must be a whole number or year, got {folds!r}")
+            folds = int(folds)
+        lines = write_identification(
+            series, model, results, solver=options.solver, folds=folds, made=made
+        )
     if not options.quiet:
         print("\n".join(lines))
     return 0

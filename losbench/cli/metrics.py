@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from losbench.cli.arguments import Commands
+from losbench.cli.arguments import Commands, publishing
 from losbench.cli.series import add_series, series_of
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 __all__ = ["add"]
+
+_WRITTEN = ("metrics.csv", "percentiles.csv", "report.txt")
 
 
 def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
@@ -30,11 +35,30 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    inputs = [path for path in (options.series, options.require) if path is not None]
+    with publishing(options, inputs, _WRITTEN) as publish:
+        table, percentiles, lines = _judged(options)
+        style: Any = {"index": False, "lineterminator": "\n", "float_format": "%.9g"}
+        report = "\n".join(lines) + "\n"
+        publish(
+            dict(
+                zip(
+                    _WRITTEN,
+                    (table.to_csv(**style), percentiles.to_csv(**style), report),
+                    strict=True,
+                )
+            )
+        )
+    if not options.quiet:
+        print("\n".join(lines))
+    return 0
+
+
+def _judged(options: argparse.Namespace) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
+    """Metrics, percentiles, and the report's lines."""
     from losbench.pointing.performance import pointing_metrics
     from losbench.pointing.performance.budget import read_requirements
-    from losbench.resources import free_folder, write_whole
 
-    folder = None if options.out is None else free_folder(options.out, force=options.force)
     series = series_of(options)
     found = pointing_metrics(
         series.angles,
@@ -57,11 +81,4 @@ def _run(options: argparse.Namespace) -> int:
             verdicts = zip(series.names, found.verdict(need), strict=True)
             said = ", ".join(f"{name} {verdict}" for name, verdict in verdicts)
             lines.append(f"{need.id} ({need.index} x {need.factor:.3g}): {said}")
-    if folder is not None:
-        style: Any = {"index": False, "lineterminator": "\n", "float_format": "%.9g"}
-        write_whole(folder / "metrics.csv", table.to_csv(**style))
-        write_whole(folder / "percentiles.csv", percentiles.to_csv(**style))
-        write_whole(folder / "report.txt", "\n".join(lines) + "\n")
-    if not options.quiet:
-        print("\n".join(lines))
-    return 0
+    return table, percentiles, lines

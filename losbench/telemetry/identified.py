@@ -7,28 +7,40 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from losbench.__about__ import __version__
+from losbench.made import Made
+from losbench.outputs import Claim, into
 from losbench.pointing.thermal import Identification, cross_validate, identify
 from losbench.pointing.thermal.terms import Adds
-from losbench.resources import write_whole
 from losbench.telemetry.series import AngleSeries
 from losbench.units import rad_to_arcsec
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["write_identification"]
+__all__ = ["WRITTEN", "write_identification"]
+
+WRITTEN = (
+    "sensitivity.csv",
+    "compensated.csv",
+    "folds.csv",
+    "angles.png",
+    "report.txt",
+    "model.toml",
+)
 
 
 def write_identification(
     series: AngleSeries,
     model: Adds,
-    folder: Path,
+    folder: Path | Claim,
     *,
     solver: str = "irls",
     folds: str | int | None = None,
+    made: Made | None = None,
 ) -> list[str]:
-    """Write ``model.toml``, ``sensitivity.csv``, ``compensated.csv``, ``angles.png`` and
-    ``report.txt``; with folds ``folds.csv``.
+    """Write ``model.toml``, ``sensitivity.csv``, ``compensated.csv``, ``angles.png``,
+    ``report.txt`` and ``report.json``; with folds ``folds.csv``.
 
     Returns
     -------
@@ -74,10 +86,12 @@ def write_identification(
     with styled():
         files["angles.png"] = png(_picture(series, predicted))
     files["report.txt"] = "\n".join(lines) + "\n"
-    for name, content in files.items():
-        write_whole(folder / name, content)
-    found.save(folder / "model.toml")
-    return [*lines, f"Written to {folder}: {', '.join([*files, 'model.toml'])}"]
+    files["model.toml"] = found.fitted.to_toml()
+    with into(folder, WRITTEN) as results:
+        for name, content in files.items():
+            results.write(name, content)
+        results.publish({"losbench": __version__, "made": (made or Made()).to_dict()})
+    return [*lines, f"Written to {results.folder}: {', '.join([*files, 'report.json'])}"]
 
 
 def _lags(found: Identification, series: AngleSeries) -> list[str]:

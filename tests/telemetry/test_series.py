@@ -61,7 +61,7 @@ def test_identify_writes_a_model_that_compensates_as_its_table_says(series, tmp_
     assert "all lags" in capsys.readouterr().out
     names = {path.name for path in out.iterdir()}
     tables = {"sensitivity.csv", "compensated.csv", "folds.csv"}
-    assert names == tables | {"model.toml", "angles.png", "report.txt"}
+    assert names == tables | {"model.toml", "angles.png", "report.txt", "report.json"}
     model = lb.FittedModel.from_toml(out / "model.toml")
     read = read_angles(series, ["a_arcsec", "b_arcsec"], ["room"])
     left = rad_to_arcsec(model.compensate(read.angles, read.sensors, read.time_s))
@@ -85,6 +85,24 @@ def test_metrics_and_budget_judge_a_series(series, tmp_path, capsys):
     assert main(["budget", str(budget), "--out", str(tmp_path / "b")]) == 0
     assert "0.6" in capsys.readouterr().out
     assert len(pd.read_csv(tmp_path / "b" / "contributions.csv")) == 5
+
+
+def test_no_command_writes_over_its_input_or_over_what_is_not_its_own(series, tmp_path, capsys):
+    angles = ["--angles", "a_arcsec"]
+    commands = {
+        "metrics.csv": ["metrics", str(series), *angles, "--window-s", "300"],
+        "model.toml": ["identify", str(series), *angles, "--temperatures", "room"],
+        "budget.csv": ["budget", str(tmp_path / "budget.toml")],
+    }
+    (tmp_path / "budget.toml").write_text("")
+    for name, command in commands.items():
+        assert main([*command, "--out", str(tmp_path), "--force"]) == 2
+        assert "lies in the folder to write to" in capsys.readouterr().err
+        (tmp_path / "own").mkdir(exist_ok=True)
+        (tmp_path / "own" / name).write_text("mine")
+        assert main([*command, "--out", str(tmp_path / "own"), "--force"]) == 2
+        assert "which no earlier run of losbench lists" in capsys.readouterr().err
+        assert (tmp_path / "own" / name).read_text() == "mine"
 
 
 @pytest.mark.parametrize(

@@ -173,6 +173,8 @@ def test_a_claim_is_computed_from_scratch_with_its_seconds_and_a_digest(notebook
     assert (first.row, first.digest) == (second.row, second.digest)
     assert first.text().splitlines()[-1].split() == ["sha256", first.digest]
     assert (tmp_path / "kept" / "ledger" / "01.json").is_file()
+    assert "ledger/01.json" in json.loads((tmp_path / "kept" / "report.json").read_text())["files"]
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
     with pytest.raises(FileExistsError, match="is not empty"):
         recompute("irls-13", out=tmp_path / "kept", quiet=True, notebooks=notebooks)
     with pytest.raises(ValueError, match="no notebook begins with 06"):

@@ -88,6 +88,10 @@ class FittedModel:
 
     def save(self, path: str | Path) -> None:
         """Write a TOML file that `from_toml` reads back bit by bit."""
+        write_whole(Path(path), self.to_toml())
+
+    def to_toml(self) -> str:
+        """Return it as the text of that file."""
         lines = [
             'unit = "rad"',
             f'sign = "{_SIGN}"',
@@ -104,7 +108,7 @@ class FittedModel:
             lines += ["", "[[axis]]", f"tau_s = {[float(v) for v in tau]!r}", "coefficients = ["]
             lines += [f"  {float(value)!r}, # {label}" for label, value in pairs]
             lines += ["]"]
-        write_whole(Path(path), "\n".join(lines) + "\n")
+        return "\n".join(lines) + "\n"
 
     @classmethod
     def from_toml(cls, path: str | Path) -> FittedModel:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from losbench.resources import free_folder
+from losbench import outputs
+from losbench.__about__ import __version__
 from losbench.workbench.ledger.claims import COLUMNS, accepted_verdicts, as_csv, read_claims
 from losbench.workbench.ledger.ledger import Ledger
 from losbench.workbench.reproduction.reproduce import reproduce
@@ -74,8 +76,10 @@ def recompute(
         raise ValueError(
             f"no claim {claim!r}; ids run from {next(iter(claims))} to {list(claims)[-1]}"
         )
-    with tempfile.TemporaryDirectory(prefix="losbench-claim-") as spare:
-        folder = free_folder(out, force=False) if out else Path(spare)
+    with ExitStack() as stack:
+        spare = stack.enter_context(tempfile.TemporaryDirectory(prefix="losbench-claim-"))
+        kept = stack.enter_context(outputs.claim(out)) if out else None
+        folder = kept.draft if kept else Path(spare)
         done = reproduce(
             [claims[claim].notebook], out=folder, workers=1, quiet=quiet, notebooks=notebooks
         )
@@ -83,4 +87,7 @@ def recompute(
             if run.error:
                 raise ValueError(run.error)
         rows = {row["id"]: row for row in Ledger.collect(folder / "ledger").rows()}
+        if kept:
+            kept.gather()
+            kept.publish({"losbench": __version__, "claim": claim})
     return Recomputed(rows[claim], sum(run.seconds for run in done.runs))
