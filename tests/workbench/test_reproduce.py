@@ -161,6 +161,19 @@ def test_two_runs_do_not_write_to_one_folder(notebooks, tmp_path):
         reproduce(["01"], out=tmp_path / "build", notebooks=notebooks, quiet=True)
 
 
+def test_what_a_killed_run_left_is_put_right(notebooks, tmp_path):
+    build = tmp_path / "build"
+    for name in (".running-a/01", ".site-b/source", ".site-b/old"):
+        (build / name).mkdir(parents=True)
+    (build / ".site-b/old/index.html").write_text("whole")
+    reproduce(["01"], out=build, notebooks=notebooks, quiet=True)
+    assert (build / "site/index.html").read_text() == "whole"
+    assert [path.name for path in build.iterdir() if path.name.startswith(".")] == []
+    (build / ".site-c/old").mkdir(parents=True)
+    reproduce(["01"], out=build, notebooks=notebooks, quiet=True)
+    assert (build / "site/index.html").read_text() == "whole"
+
+
 @pytest.mark.slow
 def test_a_claim_is_computed_from_scratch_with_its_seconds_and_a_digest(notebooks, tmp_path):
     from losbench.workbench.reproduction.claim import recompute

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
+import shutil
 import signal
 import tempfile
 import threading
@@ -133,6 +134,7 @@ def reproduce(
         raise ValueError(f"no notebook begins with {', '.join(select) or 'a number'} in {source}")
     with locked(target):
         target.mkdir(parents=True, exist_ok=True)
+        _recover(target)
         _forget(target, keep={path.stem for path in every})
         runs = _run_all(chosen, target, workers=workers, force=force, quiet=quiet)
         changed, counts = _settle(
@@ -257,6 +259,16 @@ def _discard(notebook: str, target: Path) -> None:
         for product in json.loads(record.read_text(encoding="utf-8"))["products"]:
             (target / product).unlink(missing_ok=True)
     record.unlink(missing_ok=True)
+
+
+def _recover(target: Path) -> None:
+    """Put right what a killed run left: the site that it had set aside back, drafts away."""
+    for draft in target.glob(".site-*"):
+        if (draft / "old").is_dir() and not (target / "site").exists():
+            (draft / "old").rename(target / "site")
+        shutil.rmtree(draft, ignore_errors=True)
+    for draft in target.glob(".running-*"):
+        shutil.rmtree(draft, ignore_errors=True)
 
 
 def _forget(target: Path, keep: set[str]) -> None:
