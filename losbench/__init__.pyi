@@ -74,7 +74,10 @@ from .optics.motion.path import motion_path as motion_path
 from .optics.motion.vibration import Vibration as Vibration
 from .optics.motion.vibration import random_vibration as random_vibration
 from .pointing.attitude import AttitudeFit as AttitudeFit
+from .pointing.attitude import SpotLayout as SpotLayout
 from .pointing.attitude import attitude_covariance as attitude_covariance
+from .pointing.attitude import bad_spots_survived as bad_spots_survived
+from .pointing.attitude import design_layout as design_layout
 from .pointing.attitude import solve_attitude as solve_attitude
 from .pointing.performance import PointingBudget as PointingBudget
 from .pointing.performance import PointingMetrics as PointingMetrics

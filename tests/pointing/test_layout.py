@@ -1,0 +1,134 @@
+"""Layouts of spots: known optima, random ones that do not come near, and breakdown in a
+millisecond.
+"""
+
+import numpy as np
+import pytest
+
+import losbench as lb
+from losbench.pointing.attitude import layout as room
+
+CAMERA = lb.Camera(focal_mm=260.0, pixel_um=10.0, shape=(1080, 1920))
+ENDS = np.array([[20.0, 20.0], [1899.0, 1059.0]])
+
+
+def rows_of(layout):
+    return lb.design_matrix(CAMERA.points_mm(layout))
+
+
+def layouts(count, rng):
+    """Random, clustered, on a line, one far away, two clumps: spots (n, 2) in pixels."""
+    middle = ENDS.mean(axis=0)
+    for k in range(count):
+        n = int(rng.integers(2, 13))
+        kind = k % 5
+        xy = rng.uniform(*ENDS, (n, 2))
+        if kind == 1:
+            xy = middle + rng.normal(0, 60, (n, 2))
+        elif kind == 2:
+            xy = ENDS[0] + rng.uniform(0, 1, (n, 1)) * (ENDS[1] - ENDS[0])
+        elif kind == 3:
+            xy = middle + rng.normal(0, 40, (n, 2))
+            xy[0] = ENDS[1]
+        elif kind == 4:
+            xy = np.where(np.arange(n)[:, None] % 2, ENDS[0], ENDS[1]) + rng.normal(0, 15, (n, 2))
+        yield xy
+
+
+def test_the_fast_count_of_bad_spots_is_that_of_the_search():
+    for xy in layouts(40, np.random.default_rng(5)):
+        found = lb.design_breakdown(rows_of(xy), group=np.repeat(np.arange(len(xy)), 2))
+        assert lb.bad_spots_survived(CAMERA.points_mm(xy)) == found.monotone
+        shares = room.largest_shares(rows_of(xy))
+        assert np.all(shares <= found.shares + 1e-9)
+        assert np.all(shares >= found.shares - 0.02)
+
+
+def test_shares_of_many_layouts_are_those_of_each():
+    rng = np.random.default_rng(2)
+    rows = rows_of(rng.uniform(*ENDS, (5, 6, 2)))
+    together = room.largest_shares(rows, directions=200)
+    alone = [room.largest_shares(each, directions=200) for each in rows]
+    assert np.allclose(together, alone, rtol=1e-12)
+
+
+def test_two_spots_lie_in_opposite_corners():
+    found = lb.design_layout(2, CAMERA, 0.02)
+    assert np.ptp(found.xy_px, axis=0).tolist() == [1879.0, 1039.0]
+    # Roll of two spots on a baseline b: sigma sqrt(2) / b.
+    baseline = np.hypot(1879.0, 1039.0)
+    roll = lb.units.rad_to_arcsec(0.02 * np.sqrt(2.0) / baseline)
+    assert found.sigma_arcsec[2] == pytest.approx(roll, rel=2e-3)
+    assert found.survives == 0
+    assert not found.meets
+
+
+def test_four_spots_lie_in_the_four_corners():
+    found = lb.design_layout(4, CAMERA, 0.02)
+    corners = {(x, y) for x in (20.0, 1899.0) for y in (20.0, 1059.0)}
+    assert set(map(tuple, found.xy_px.tolist())) == corners
+    assert found.survives == 1
+
+
+@pytest.mark.parametrize(("n", "survives"), [(3, 0), (6, 1), (8, 2)])
+def test_a_thousand_random_layouts_are_no_better(n, survives):
+    found = lb.design_layout(n, CAMERA, 0.02, survives=survives)
+    assert found.survives >= survives
+    rng = np.random.default_rng(11)
+    random = np.stack([room.random_layout(n, ENDS, 40.0, rng) for _ in range(1000)])
+    worst = room._errors_arcsec(found, rows_of(random)).max(axis=-1)
+    shares = room.largest_shares(rows_of(random), directions=400)
+    allowed = shares[:, survives] < 0.5
+    assert allowed.sum() > 5
+    assert found.worst < worst[allowed].min()
+
+
+def test_errors_are_those_of_the_covariance():
+    found = lb.design_layout(5, CAMERA, 0.05, wanted_arcsec=(0.2, 0.2, 5.0), stack=4)
+    expected = lb.attitude_covariance(
+        CAMERA.points_mm(found.xy_px), 0.05 * CAMERA.pixel_mm, stack=4
+    )
+    assert found.sigma_arcsec == pytest.approx(
+        lb.units.rad_to_arcsec(np.sqrt(np.diag(expected))), rel=1e-9
+    )
+    assert found.meets
+    assert found.worst == pytest.approx(np.max(found.sigma_arcsec / (0.2, 0.2, 5.0)))
+
+
+def test_what_is_wanted_changes_the_places():
+    roll = lb.design_layout(6, CAMERA, 0.02, survives=0)
+    robust = lb.design_layout(6, CAMERA, 0.02, survives=2)
+    assert robust.worst > roll.worst
+    gaps = np.linalg.norm(roll.xy_px[:, None] - roll.xy_px, axis=-1)[np.triu_indices(6, 1)]
+    assert gaps.min() >= 40.0 - 1e-9
+
+
+def test_more_than_can_be_survived_is_not_met_and_says_so():
+    found = lb.design_layout(4, CAMERA, 0.02, wanted_arcsec=100.0, survives=3)
+    assert found.survives < 3
+    assert not found.meets
+
+
+def test_the_map_is_lowest_where_the_spot_lies_and_is_drawn():
+    from matplotlib.figure import Figure
+
+    found = lb.design_layout(4, CAMERA, 0.02)
+    x, y = np.meshgrid(np.linspace(20, 1899, 9), np.linspace(20, 1059, 9))
+    assert found.map(0, found.xy_px[0]) == pytest.approx(found.worst)
+    assert found.map(0, np.stack([x, y], axis=-1)).min() >= found.worst - 1e-9
+    figure = Figure()
+    found.draw(figure.subplots())
+    assert len(figure.axes[0].collections) >= 1
+
+
+def test_bad_input_is_one_line():
+    for arguments, words in (
+        ({"n": 1}, "n must be"),
+        ({"margin_px": 600.0}, "margin_px leaves no room"),
+        ({"n": 12, "apart_px": 1500.0}, "apart_px leaves no room for 12 spots"),
+        ({"survives": 8}, "survives must be"),
+        ({"sigma_px": 0.0}, "sigma_px must be"),
+    ):
+        given = {"n": 8, "sigma_px": 0.02, **arguments}
+        with pytest.raises(ValueError, match=words):
+            lb.design_layout(given.pop("n"), CAMERA, given.pop("sigma_px"), **given)
