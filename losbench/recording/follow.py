@@ -11,6 +11,7 @@ from losbench.arrays import Bools
 from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
 from losbench.imaging.results import Centroids, SpotFlag
+from losbench.recording.bands import Bands
 from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
 from losbench.recording.survey import Survey
@@ -30,9 +31,10 @@ def measured(
     """Measure frames ``first`` to ``last`` (excluded), in pixels of the stamp: what comes out rests
     on the survey and on these frames alone.
     """
-    read = stamp.read(first, last, skip=recording.skip_unreadable)
-    frames, good = read.frames, read.good
     expected = survey.predicted(first, last)
+    bands = Bands.around(expected, survey.method.window, background.side, stamp.shape[0])
+    read = stamp.read(first, last, skip=recording.skip_unreadable, spans=bands.spans)
+    frames, good = read.frames, read.good
     if not good.any():
         return replace(_unseen(*expected.shape[:2]), skipped=read.skipped)
     see = partial(
@@ -42,15 +44,16 @@ def measured(
         detector=recording.detector,
         full_scale_dn=recording.full_scale_dn,
     )
-    seen = see(frames, expected)
+    seen = see(frames, bands.within(expected))
     track = _track(seen, good)
+    track = replace(track, xy=bands.outside(track.xy))
     # Spots that wander out of reach within a block are followed frame by frame.
     if len(frames) > 1 and not track.stays_near(expected, good, max(2, seen.window // 4) - 0.5):
         steps, at = [], expected[0]
         for k in range(len(frames)):
-            one = slice(k, k + 1)
             if good[k]:
-                steps.append(_track(see(frames[one], at), good[one]))
+                whole = stamp.read(first + k, first + k + 1, skip=recording.skip_unreadable)
+                steps.append(_track(see(whole.frames, at), whole.good))
                 at = steps[-1].last_seen(at)
             else:
                 steps.append(_unseen(1, len(at)))

@@ -30,7 +30,7 @@ from losbench.spread import spread
 
 __all__ = ["Job", "tracked"]
 
-_BLOCK, _BLOCK_BYTES = 32, 2**25  # frames in memory at a time: so many, or as many as fit
+_BLOCK, _BLOCK_BYTES = 32, 2**27  # frames in memory at a time: so many, or as many as fit
 
 
 @dataclass(frozen=True, eq=False)

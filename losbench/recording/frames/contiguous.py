@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Ints
-from losbench.recording.frames.handles import fill, opened, plain_file
-from losbench.recording.frames.protocol import decoding
+from losbench.recording.frames.handles import fill, no_read_ahead, opened, plain_file
+from losbench.recording.frames.protocol import Spans, decoding
 
-__all__ = ["Contiguous", "native"]
+__all__ = ["Contiguous", "fill_rows", "native"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,6 +52,17 @@ class Contiguous:
             fill(opened(self.opener, self.path), self._offset(k), raw, label)
         return native(raw)
 
+    def rows(self, k: int, shape: tuple[int, int], spans: Spans, out: NDArray[Any]) -> bool:
+        """Fill ``out`` with some rows of a frame (rows, cols), and read no others; return whether
+        that could be done.
+        """
+        if shape != self.shape:
+            return False
+        with decoding(self.label(k)):
+            file = opened(self.opener, self.path)
+            fill_rows(file, self._offset(k), spans, out, self.dtype, self.label(k))
+        return True
+
     def label(self, k: int) -> str:
         """Return the name of a frame."""
         return f"frame {k} of {self.path.name}"
@@ -61,6 +72,23 @@ class Contiguous:
             each = self.dtype.itemsize * int(np.prod(self.shape))
             return self.offsets + k * (each if self.stride is None else self.stride)
         return int(self.offsets[k])
+
+
+def fill_rows(
+    file: BinaryIO, offset: int, spans: Spans, out: NDArray[Any], stored: np.dtype[Any], label: str
+) -> None:
+    """Fill ``out`` with rows of an image that begins at a byte of a file, one band below the
+    other.
+    """
+    no_read_ahead(file)
+    row_bytes, at = stored.itemsize * out.shape[1], 0
+    room = out if stored == out.dtype and out.flags.c_contiguous else np.empty(out.shape, stored)
+    for first, last in spans:
+        band = room[at : at + last - first]
+        fill(file, offset + first * row_bytes, band, label)
+        at += last - first
+    if room is not out:
+        out[...] = room
 
 
 def native(array: NDArray[Any]) -> NDArray[Any]:

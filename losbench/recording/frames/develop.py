@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from losbench.arrays import Bools, Floats
 from losbench.imaging.detector import Detector
 from losbench.recording.frames.contiguous import native
-from losbench.recording.frames.protocol import Found, Source, UnreadableFrame
+from losbench.recording.frames.protocol import Found, Source, Spans, UnreadableFrame
 
 __all__ = ["CHANNELS", "StoredFrames", "develop", "first_readable", "left_aligned_step"]
 
@@ -98,6 +98,21 @@ class StoredFrames:
                 )
             block[k - i] = plane if self.step == 1 else plane // self.step
         return block
+
+    def read_rows(self, i: int, j: int, spans: Spans, out: NDArray[Any]) -> None:
+        """Fill ``out`` with the rows ``spans`` of frames ``i`` to ``j`` (excluded), one band below
+        the other; the rest is not read where a frame lies in its file as it is.
+        """
+        some = getattr(self.source, "rows", None)
+        if self.channel is not None or self.stored != self.dtype:
+            some = None
+        for k in range(i, j):
+            if some is not None and some(k, self.shape, spans, out[k - i]):
+                if self.step > 1:
+                    out[k - i] //= self.step
+            else:
+                whole = self.read(k, k + 1)[0]
+                np.concatenate([whole[first:last] for first, last in spans], out=out[k - i])
 
 
 def develop(found: Found, *, channel: str | int | None = None, skip: bool = False) -> StoredFrames:

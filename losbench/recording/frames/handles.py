@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from losbench.recording.frames.protocol import UnreadableFrame, fits_in
 
-__all__ = ["file_size", "fill", "opened", "plain_file", "quiet_opencv"]
+__all__ = ["file_size", "fill", "no_read_ahead", "opened", "plain_file", "quiet_opencv"]
 
 Handle = TypeVar("Handle")
 
@@ -104,12 +104,27 @@ def file_size(file: BinaryIO) -> int:
 def fill(file: BinaryIO, offset: int, array: NDArray[Any], label: str) -> None:
     """Fill an array with the bytes from ``offset`` on, or raise that the file is cut short."""
     room = memoryview(array.reshape(-1).view(np.uint8).data)
-    file.seek(offset)
     while room:
-        got = file.readinto(room)  # type: ignore[attr-defined]
+        got = _read_at(file, offset, room)
         if not got:
             raise UnreadableFrame(f"{label} cannot be read: the file is cut short")
-        room = room[got:]
+        room, offset = room[got:], offset + got
+
+
+def no_read_ahead(file: BinaryIO) -> None:
+    """Tell the system that what follows in the file is not wanted: of a few rows of every frame it
+    would read all.
+    """
+    if hasattr(os, "posix_fadvise"):
+        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_RANDOM)
+
+
+def _read_at(file: BinaryIO, offset: int, room: memoryview) -> int:
+    if hasattr(os, "preadv"):
+        return os.preadv(file.fileno(), [room], offset)
+    file.seek(offset)
+    got: int = file.readinto(room)  # type: ignore[attr-defined]
+    return got
 
 
 class quiet_opencv:

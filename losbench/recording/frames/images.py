@@ -13,8 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from losbench.recording.frames.contiguous import fill_rows
 from losbench.recording.frames.handles import quiet_opencv
-from losbench.recording.frames.protocol import Found, UnreadableFrame, decoding, fits_in, quietly
+from losbench.recording.frames.plainpages import only_page
+from losbench.recording.frames.protocol import (
+    Found,
+    Spans,
+    UnreadableFrame,
+    decoding,
+    fits_in,
+    quietly,
+)
 from losbench.recording.frames.tiff import TIFF, facts, single_page
 
 __all__ = ["IMAGES", "ImageFiles", "open_images"]
@@ -44,6 +53,18 @@ class ImageFiles:
         if path.suffix.lower() in TIFF:
             return single_page(path, label)
         return _decoded(path, label)
+
+    def rows(self, k: int, shape: tuple[int, int], spans: Spans, out: NDArray[Any]) -> bool:
+        """Fill some rows of a TIFF that lies in its file as it is; return whether it does."""
+        path, label = self.folder / self.names[k], self.label(k)
+        if path.suffix.lower() not in TIFF:
+            return False
+        with decoding(label), path.open("rb", buffering=0) as file:
+            plain = only_page(file)
+            if plain is None or not plain.holds(shape, out.dtype):
+                return False
+            fill_rows(file, plain.offset, spans, out, plain.dtype, label)
+        return True
 
     def label(self, k: int) -> str:
         """Return the name of a file."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.recording.frames.protocol import Found, Source
+from losbench.recording.frames.protocol import Found, Source, Spans
 
 __all__ = ["Joined", "join"]
 
@@ -28,6 +28,12 @@ class Joined:
         """Return one frame."""
         source, at = self._place(k)
         return source.frame(at)
+
+    def rows(self, k: int, shape: tuple[int, int], spans: Spans, out: NDArray[Any]) -> bool:
+        """Fill some rows of a frame; return whether that could be done."""
+        source, at = self._place(k)
+        some = getattr(source, "rows", None)
+        return some is not None and bool(some(at, shape, spans, out))
 
     def label(self, k: int) -> str:
         """Return the name of a frame."""

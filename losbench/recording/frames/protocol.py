@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -19,12 +19,15 @@ __all__ = [
     "Found",
     "Frames",
     "Source",
+    "Spans",
     "UnreadableFrame",
     "cut_short",
     "decoding",
     "fits_in",
     "quietly",
 ]
+
+Spans = Sequence[tuple[int, int]]  # rows of a frame: first, and last (excluded)
 
 _FILTERS = threading.RLock()
 _SMALL = 64 * 2**20  # bytes of a frame that any file may claim
@@ -45,7 +48,8 @@ class Frames(Protocol):
 
     A frozen dataclass without open files, so that it pickles and another process can read. Frames
     may also have ``notes`` (tuple of str), ``left_out`` ((n_frames,) array of bool: what the file
-    itself marks as bad) and ``label(k)``, the name of a frame.
+    itself marks as bad), ``label(k)``, the name of a frame, and ``read_rows(i, j, spans, out)``,
+    which fills ``out`` with some rows of frames where that costs less than all.
 
     Attributes
     ----------

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Ints
-from losbench.recording.frames.contiguous import Contiguous, native
-from losbench.recording.frames.handles import file_size, opened, plain_file, quiet_opencv
+from losbench.recording.frames.contiguous import Contiguous, fill_rows, native
+from losbench.recording.frames.handles import file_size, fill, opened, plain_file, quiet_opencv
 from losbench.recording.frames.packed import unpacked
+from losbench.recording.frames.plainpages import only_page, plain_page
 from losbench.recording.frames.protocol import (
     Found,
     Source,
+    Spans,
     UnreadableFrame,
     cut_short,
     decoding,
@@ -60,11 +62,28 @@ class Pages:
         """Return the image of one page."""
         label = self.label(k)
         with decoding(label):
+            file = opened(plain_file, self.path)
+            plain = plain_page(file, int(self.offsets[k]))
+            if plain is not None and not self.white_is_zero:
+                image = np.empty(plain.shape, plain.dtype)
+                fill(file, plain.offset, image, label)
+                return native(image)
             page = _page(self.path, int(self.offsets[k]), k)
             said = page.photometric == _MINISWHITE if 262 in page.tags else None
             if None not in (said, self.white_is_zero) and said != self.white_is_zero:
                 raise UnreadableFrame(f"{label} turns black and white against the first page")
             return _image(page, label)
+
+    def rows(self, k: int, shape: tuple[int, int], spans: Spans, out: NDArray[Any]) -> bool:
+        """Fill some rows of a page that lies in the file as it is; return whether it does."""
+        label = self.label(k)
+        with decoding(label):
+            file = opened(plain_file, self.path)
+            plain = plain_page(file, int(self.offsets[k]))
+            if plain is None or self.white_is_zero or not plain.holds(shape, out.dtype):
+                return False
+            fill_rows(file, plain.offset, spans, out, plain.dtype, label)
+        return True
 
     def label(self, k: int) -> str:
         """Return the name of a page."""
@@ -113,6 +132,12 @@ def facts(path: Path) -> tuple[int | None, bool | None, tuple[str, ...]]:
 def single_page(path: Path, label: str) -> NDArray[Any]:
     """Return the image of a file that must have one page."""
     with decoding(label):
+        with path.open("rb", buffering=0) as file:
+            plain = only_page(file)
+            if plain is not None:
+                image = np.empty(plain.shape, plain.dtype)
+                fill(file, plain.offset, image, label)
+                return native(image)
         directories = _directories(path).places
     if not len(directories):
         raise UnreadableFrame(f"{label} cannot be read: not an image, or cut short")
