@@ -48,15 +48,23 @@ def variance_sampling(series: Floats) -> tuple[Floats, Floats]:
 def _autocovariance(x: Floats) -> tuple[Floats, Ints]:
     """Autocovariance at every lag with pairs in it, and the number of samples."""
     present = ~np.isnan(x)
-    centred = np.where(present, x - np.nanmean(x, axis=0), 0.0)
-    size = 1 << (2 * len(x) - 1).bit_length()
-    products, pairs = (
-        np.fft.irfft(np.abs(np.fft.rfft(series, size, axis=0)) ** 2, size, axis=0)[: len(x)]
-        for series in (centred, present.astype(np.float64))
-    )
+    products = _lagged_products(np.where(present, x - np.nanmean(x, axis=0), 0.0))
+    if present.all():  # no transform is needed to count pairs
+        pairs = np.arange(len(x), 0.0, -1.0).reshape(-1, *(1,) * (x.ndim - 1))
+    else:
+        pairs = _lagged_products(present.astype(np.float64))
     return np.where(pairs > 0.5, products / np.maximum(pairs, 1.0), 0.0), np.count_nonzero(
         present, axis=0
     )
+
+
+def _lagged_products(series: Floats) -> Floats:
+    """Sums over all pairs of samples that are 0, 1, 2 ... samples apart, by FFT."""
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    size = next_fast_len(2 * len(series) - 1, real=True)
+    power = np.abs(rfft(series, size, axis=0)) ** 2
+    return irfft(power, size, axis=0)[: len(series)]
 
 
 def _until_negative(covariance: Floats) -> Floats:

@@ -301,7 +301,7 @@ def test_one_marked_frame_is_worth_a_word_and_none_is_not(tmp_path, marked):
     assert [note[:11] for note in notes if "QUALITY" in note] == ["1 of 3 fram"] * marked
 
 
-@pytest.mark.parametrize(("gain", "floor"), [(4.0, 9.0), (0.0, 9.0), (0.0, 0.0), (-1.0, 900.0)])
+@pytest.mark.parametrize(("gain", "floor"), [(4.0, 9.0), (0.0, 0.0), (-1.0, 900.0)])
 def test_a_pixel_file_s_own_errors_tell_the_detector(gain, floor):
     """Variance = flux / gain + read noise; none where it does not grow with the flux."""
     flux = np.linspace(10.0, 500.0, 60)
@@ -311,7 +311,7 @@ def test_a_pixel_file_s_own_errors_tell_the_detector(gain, floor):
         assert found.gain_e_per_dn == pytest.approx(gain)
         assert found.read_noise_e == pytest.approx(gain * np.sqrt(floor))
     else:
-        assert found is None or (gain == 0.0 and floor)  # rounding may tilt a constant
+        assert found is None
     assert _detector(np.full((2, 60), np.nan)) is None
 
 
