@@ -5,7 +5,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 from losbench import __version__
-from losbench.workbench.reproduction.reference import write_reference
+from losbench.workbench.reproduction.reference import write_commands, write_reference
 
 HERE = Path(__file__).resolve().parent
 
@@ -26,7 +26,6 @@ myst_heading_anchors = 3
 
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
-python_maximum_signature_line_length = 88
 napoleon_google_docstring = False
 napoleon_use_param = False
 napoleon_use_rtype = False
@@ -36,6 +35,7 @@ suppress_warnings = ["ref.python"]
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_show_sourcelink = False
 html_copy_source = False
 html_show_copyright = False
@@ -43,11 +43,25 @@ pygments_style = "a11y-high-contrast-light"
 pygments_dark_style = "a11y-high-contrast-dark"
 
 # One file, whole: formulas show from file:// and without a network.
-mathjax_path = "tex-svg.js"
+mathjax_path = "tex-svg-full.js"
 mathjax3_config = {"options": {"enableMenu": False}}
 
 _mathjax = distribution("sphinx-mathjax-offline").locate_file(
-    "sphinx-mathjax-offline/static/mathjax/tex-svg.js"
+    f"sphinx-mathjax-offline/static/mathjax/{mathjax_path}"
 )
-shutil.copy(str(_mathjax), HERE / "_static" / "tex-svg.js")
+shutil.copy(str(_mathjax), HERE / "_static" / mathjax_path)
 write_reference(HERE / "api")
+write_commands(HERE / "_made" / "commands.md")
+
+
+def _level_of_captions(app, pagename, templatename, context, doctree):
+    """Say of the sidebar's captions which level of heading they are: readers of screens need it."""
+    tree = context.get("furo_navigation_tree", "")
+    context["furo_navigation_tree"] = tree.replace(
+        'role="heading"', 'role="heading" aria-level="2"'
+    )
+
+
+def setup(app):
+    """Connect behind furo's own handler."""
+    app.connect("html-page-context", _level_of_captions, priority=900)

@@ -16,12 +16,14 @@ document.addEventListener("DOMContentLoaded", () => {
     shown.textContent = `${count} of ${rows.length} claims`;
   };
   const value = (row, k) => row.cells[k].dataset.value ?? row.cells[k].textContent;
+  const number = text => text.trim() ? Number(text) : NaN;
+  const compare = (x, y) => isNaN(number(x)) - isNaN(number(y)) || number(x) - number(y) ||
+    x.localeCompare(y, "en", { numeric: true });
   const sort = (head, k) => {
     const down = head.ariaSort === "ascending";
     for (const other of table.tHead.rows[0].cells) other.ariaSort = "none";
     head.ariaSort = down ? "descending" : "ascending";
-    const order = (a, b) => value(a, k).localeCompare(value(b, k), "en", { numeric: true }) ||
-      a.dataset.order - b.dataset.order;
+    const order = (a, b) => compare(value(a, k), value(b, k)) || a.dataset.order - b.dataset.order;
     body.append(...rows.sort((a, b) => down ? order(b, a) : order(a, b)));
   };
   for (const field of [paper, kind, words]) field.addEventListener("input", filter);

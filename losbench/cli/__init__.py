@@ -31,14 +31,14 @@ from losbench.cli import (
     site,
 )
 
-__all__ = ["is_for_the_user", "main"]
+__all__ = ["is_for_the_user", "main", "parser"]
 
 _RAISE = dis.opmap["RAISE_VARARGS"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     options.given = list(sys.argv[1:] if arguments is None else arguments)
     said = f"losbench {options.command}:"
     try:
@@ -96,15 +96,16 @@ def _hush() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    root = argparse.ArgumentParser(
         prog="losbench",
         description=(
             "Where a space camera really points: replicate the papers, or measure your own frames."
         ),
     )
-    parser.add_argument("--version", action="version", version=f"losbench {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    root.add_argument("--version", action="version", version=f"losbench {__version__}")
+    commands = root.add_subparsers(dest="command", required=True, metavar="COMMAND")
     quiet = argparse.ArgumentParser(add_help=False)
     quiet.add_argument(
         "--quiet",
@@ -128,4 +129,4 @@ def _parser() -> argparse.ArgumentParser:
     ):
         command.add(commands, quiet)
     ledger.add_claim(commands, quiet)
-    return parser
+    return root

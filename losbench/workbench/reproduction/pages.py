@@ -158,7 +158,8 @@ def _row(order: int, row: Mapping[str, str], anchors: Mapping[tuple[str, str], s
         "rests": text["depends_on"].replace(";", " "),
         "reason": text["reason"],
     }
-    sorted_by = {"claimed": text["claimed"], "odds": _first_number(row["odds"])}
+    numbers = {kind: _first_number(row[kind]) for kind in ("ours", "odds")}
+    sorted_by = {"claimed": text["claimed"], **numbers}
     return (
         f'<tr id="{row["id"]}" data-order="{order}" data-paper="{text["paper"]}" '
         f'data-kind="{text["verdict"]}">'

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
 from importlib import import_module
 from pathlib import Path
 
-__all__ = ["public_names", "write_reference"]
+__all__ = ["public_names", "write_commands", "write_reference"]
 
 _FACE = import_module("losbench")  # what is documented, not what is built on
 _ROOMS = {
@@ -58,6 +59,15 @@ def write_reference(folder: Path) -> None:
     tree = ["Everything public is a name of `losbench`, loaded on first use:", ""]
     tree += ["``import losbench as lb``.", "", ".. toctree::", ""]
     _write(folder / "index.rst", "API reference", [*tree, *(f"   {name}" for name in order)])
+
+
+def write_commands(path: Path) -> None:
+    """Write what each command says of itself."""
+    os.environ["COLUMNS"] = "100"
+    parser = import_module("losbench.cli").parser()
+    (commands,) = (a.choices for a in parser._actions if isinstance(a.choices, dict))  # noqa: SLF001
+    parts = [f"## {name}\n\n```text\n{one.format_help()}```\n" for name, one in commands.items()]
+    path.write_text("\n".join(parts), encoding="utf-8")
 
 
 def _members(module: str) -> list[str]:

@@ -11,7 +11,9 @@ import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
-from losbench.resources import build_folder, documents_folder, notebook_folder
+from bs4 import BeautifulSoup
+
+from losbench.resources import build_folder, data_file, documents_folder, notebook_folder
 from losbench.workbench.ledger.claims import COLUMNS, as_csv
 from losbench.workbench.ledger.ledger import Ledger
 from losbench.workbench.reproduction.pages import cell_anchors, ledger_table, page_of_notebook
@@ -52,6 +54,7 @@ def build_site(*, out: str | Path | None = None, notebooks: str | Path | None = 
         shutil.copytree(documents_folder(), source)
         _take_notebooks(Path(notebooks or notebook_folder()), build, source / "notebooks")
         _take_ledger(build, source)
+        _take_rest(build, source / "_made")
         _run_sphinx(source, made, Path(spare, "doctrees"))
         site, old = build / "site", Path(spare, "old")
         if site.exists():
@@ -80,6 +83,16 @@ def _take_ledger(build: Path, source: Path) -> None:
         replication_page(ledger, build, anchors), encoding="utf-8"
     )
     (source / "_static" / "ledger.csv").write_text(as_csv(COLUMNS, rows), encoding="utf-8")
+
+
+def _take_rest(build: Path, made: Path) -> None:
+    shutil.copy(data_file("three-mirror-camera.toml"), made)
+    report = build / "benchmarks.html"
+    said = "<p>They have not been run here.</p>"
+    if report.is_file():
+        body = BeautifulSoup(report.read_text(encoding="utf-8"), "html.parser").body
+        said = f'<div class="made">{body.decode_contents()}</div>' if body else said
+    (made / "benchmarks.html").write_text(said, encoding="utf-8")
 
 
 def _run_sphinx(source: Path, made: Path, doctrees: Path) -> None:
