@@ -47,9 +47,11 @@ from .imaging.detector import Detector as Detector
 from .imaging.eiwa import EIWA as EIWA
 from .imaging.finder import Find as Find
 from .imaging.finder import find_spots as find_spots
+from .imaging.gain import estimate_gain as estimate_gain
 from .imaging.grey import Grey as Grey
 from .imaging.likelihood import Gaussian as Gaussian
 from .imaging.likelihood import Likelihood as Likelihood
+from .imaging.noise import Gain as Gain
 from .imaging.results import Centroids as Centroids
 from .imaging.results import SpotFlag as SpotFlag
 from .imaging.smeared.aided import aided_centroid as aided_centroid

@@ -9,14 +9,14 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Bools, Floats, Indices, Pixels
+from losbench.arrays import Bools, Floats, Pixels
 from losbench.checks import number, odd
+from losbench.imaging.stamps import RING, ring_places
 from losbench.units import SIGMA_PER_MAD
 
-__all__ = ["RING", "Background", "Level", "Plane", "Ring", "inverse_normal", "ring_places"]
+__all__ = ["RING", "Background", "Level", "Plane", "Ring", "inverse_normal"]
 
 
-RING = 4  # pixels, the ring's breadth
 _CLIP = 3.0
 _KEPT_VARIANCE = 0.9733  # of a Gaussian cut at three sigma
 # In a ring of noise alone one pixel in 2000 stands out by more, and the third moment is within
@@ -185,14 +185,12 @@ class Level:
 
 @dataclass(frozen=True)
 class _Geometry:
-    """Offsets (R,) of the pixels of a ring, and (R, p) what is multiplied with their readings.
+    """What is multiplied with the readings (R, p) of a ring.
 
     ``basis`` is 1, x and y, the last two over ``reach``; ``solve`` gives the plane, and how much
     brighter the innermost pixels are than the outermost.
     """
 
-    x: Indices
-    y: Indices
     reach: float
     basis: Floats
     solve: Floats
@@ -201,22 +199,13 @@ class _Geometry:
 
 @cache
 def _geometry(side: int) -> _Geometry:
-    offset = np.arange(side + 2 * RING) - side // 2 - RING
-    distance = np.maximum(abs(offset)[:, None], abs(offset))
-    row, column = np.nonzero(distance > side // 2)
-    x, y, reach = offset[column], offset[row], float(offset[-1])
-    basis = np.stack([np.ones(len(row)), x / reach, y / reach], axis=-1)
-    edge = distance[row, column]
+    x, y = ring_places(side)
+    reach, edge = float(side // 2 + RING), np.maximum(abs(x), abs(y))
+    basis = np.stack([np.ones(len(x)), x / reach, y / reach], axis=-1)
     inner, outer = edge == side // 2 + 1, edge == side // 2 + RING
     share = inner / inner.sum() - outer / outer.sum()
     inverse = np.linalg.inv(basis.T @ basis)
-    return _Geometry(x, y, reach, basis, np.column_stack([basis @ inverse, share]), inverse)
-
-
-def ring_places(side: int) -> tuple[Indices, Indices]:
-    """Offsets x and y (R,) of the pixels of the ring of four pixels around ``side`` pixels."""
-    geometry = _geometry(side)
-    return geometry.x, geometry.y
+    return _Geometry(reach, basis, np.column_stack([basis @ inverse, share]), inverse)
 
 
 def fit_ring(ring: Pixels, side: int) -> Plane:

@@ -12,16 +12,19 @@ from numpy.typing import ArrayLike
 
 from losbench.arrays import Bools, Floats
 from losbench.imaging.auto import AutoCentroid
-from losbench.imaging.background import RING, Background
+from losbench.imaging.background import Background
 from losbench.imaging.common import smoothed
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import EIWA
 from losbench.imaging.engine import Engine
+from losbench.imaging.gain import recording_gain
 from losbench.imaging.methods import MethodFields, as_background, as_method
+from losbench.imaging.noise import Gain
 from losbench.imaging.places import as_stack, as_starts, in_frame, peak_pixels
 from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.results import Centroids, Measured, SpotFlag
 from losbench.imaging.sizes import default_window
+from losbench.imaging.stamps import RING
 from losbench.imaging.widths import spot_widths
 
 __all__ = ["centroid", "default_window", "window_path"]
@@ -36,10 +39,10 @@ def centroid(
     *,
     method: CentroidMethod | str = "eiwa",
     background: Background | str | float | None = "ring",
-    detector: Detector | None = None,
+    detector: Detector | Gain | None = None,
     full_scale_dn: float | None = None,
     ring: int | None = None,
-    noise: Detector | None = None,
+    noise: Detector | Gain | None = None,
     **named: Unpack[MethodFields],
 ) -> Centroids:
     """Measure the centroids of n spots in F frames.
@@ -62,16 +65,17 @@ def centroid(
     background : Ring, Level, None, or "ring", "none", float (DN)
         What is taken off: a plane through a ring of four pixels, a known level, or nothing.
         Templates need the background off, by one of these or before.
-    detector : Detector, optional
+    detector : Detector or Gain, optional
         Gain, read noise and offset for the predicted errors. Without it every pixel is given the
-        scatter of the ring, which leaves out the shot noise of the spot itself: a lower bound for
-        bright spots.
+        scatter of the ring, and the shot noise of the spots that `estimate_gain` finds in up to 64
+        frames. Fewer than three do not tell it: the errors of spots are lower bounds then, and
+        flagged.
     full_scale_dn : float, optional
         Reading of a saturated pixel; by default that of ``detector``, else the largest number of an
         integer type.
     ring : odd int, pixels, optional
         Beside ``background="ring"``, short for ``Ring(ring)``.
-    noise : Detector, optional
+    noise : Detector or Gain, optional
         A second word for ``detector``.
     **named
         Beside the name of a method, its fields: ``window=13`` beside "eiwa" is ``EIWA(13)``.
@@ -122,6 +126,8 @@ def centroid(
     frame, spot, middle = in_frame(stack, at)
     result = Measured.nothing(places.shape[:2])
     engine = Engine.of_stack(stack, chosen, under, side, detector or noise, full_scale_dn)
+    if detector is None and noise is None:
+        engine = replace(engine, noise=recording_gain(engine, stack, at))
     reason = ""
     if isinstance(chosen, AutoCentroid):
         choice = chosen.choose(engine, stack, frame, spot, middle, places.shape[1])
@@ -137,6 +143,8 @@ def centroid(
         )
         result.put(where, part)
     result.flags[_crowded(places, side)] |= SpotFlag.NEIGHBOUR
+    if isinstance(engine.noise, Gain) and not engine.noise.known:
+        result.flags[np.isfinite(result.xy[..., 0])] |= SpotFlag.LOWER_BOUND
     if chosen.smooth is not None:
         xy, sigma = smoothed(chosen.smooth, result.xy)
         result = replace(result, xy=xy, sigma_xy=sigma)
@@ -154,6 +162,7 @@ def centroid(
         result.n_bad,
         chosen,
         reason,
+        engine.noise,
     )
 
 

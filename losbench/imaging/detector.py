@@ -119,6 +119,11 @@ class Detector:
         """
         return min(2.0**self.bits - 1.0, self.offset_dn + self.full_well_e / self.gain_e_per_dn)
 
+    @property
+    def per_dn(self) -> float:
+        """Variance per signal, DN: the inverse of the gain."""
+        return 1.0 / self.gain_e_per_dn
+
     def variance_dn(self, reading_dn: ArrayLike) -> Floats:
         """Variance of a reading, DN squared: shot noise, read noise and rounding; linear in the
         reading, any shape.

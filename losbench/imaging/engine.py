@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Indices
 from losbench.checks import integer, number
-from losbench.imaging.background import RING, Background, ring_places
+from losbench.imaging.background import Background
 from losbench.imaging.detector import Detector
 from losbench.imaging.flags import Cut, judged, saturated
 from losbench.imaging.hotpixels import gate_hot_pixels
-from losbench.imaging.noise import peak_reading, pixel_noise
+from losbench.imaging.noise import Gain, peak_reading, pixel_noise, step_of
 from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
-from losbench.imaging.ranks import digit_step
 from losbench.imaging.results import Measured, SpotFlag
 from losbench.imaging.scrutiny import asks, look_into, lopsided
-from losbench.imaging.stamps import cut_stamps, take_pixels
+from losbench.imaging.stamps import RING, cut_stamps, ring_places, take_pixels
 
 __all__ = ["Engine"]
 
@@ -31,8 +30,6 @@ _OFF_CENTRE = 0.6  # pixels
 _MOST_RECUTS = 10
 _OUTLIER = 5.0  # scatters of the ring
 _TOLD = SpotFlag.BAD_PIXEL | SpotFlag.NOT_CONVERGED  # of a spot that is measured anew
-_SAMPLES = 2048  # readings that tell their step
-_TELLING = 8  # different ones
 
 
 @dataclass(frozen=True)
@@ -45,20 +42,17 @@ class Engine:
     background : Background
     window, ring : int, pixels
         Sides of the window, and of the square that the ring surrounds.
-    detector : Detector or None
+    noise : Detector or Gain
     full_scale_dn : float
         Reading of a saturated pixel.
-    rounding : float, DN squared
-        Least variance of a reading, for its rounding; a detector knows its own.
     """
 
     method: CentroidMethod
     background: Background
     window: int
     ring: int
-    detector: Detector | None
+    noise: Detector | Gain
     full_scale_dn: float
-    rounding: float
 
     @classmethod
     def of_stack(
@@ -67,7 +61,7 @@ class Engine:
         method: CentroidMethod,
         background: Background,
         window: int,
-        detector: Detector | None = None,
+        noise: Detector | Gain | None = None,
         full_scale_dn: float | None = None,
     ) -> Self:
         """Fit window, ring and full scale to the frames (F, H, W).
@@ -85,16 +79,15 @@ class Engine:
             )
         ring = window if background.side is None else background.side
         integer("ring", ring, low=window)
-        whole = stack.dtype.kind in "ui"
         if full_scale_dn is not None:
             full_scale = number("full_scale_dn", full_scale_dn)
-        elif detector is not None:
-            full_scale = float(np.floor(detector.full_scale_dn))
+        elif isinstance(noise, Detector):
+            full_scale = float(np.floor(noise.full_scale_dn))
         else:
+            whole = stack.dtype.kind in "ui"
             full_scale = float(np.iinfo(stack.dtype).max) if whole else np.inf
-        # More than a twelfth: with noise below half a step neighbours are rounded the same way.
-        rounding = _step(stack) ** 2 / 8.0 if whole and detector is None else 0.0
-        return cls(method, background, window, ring, detector, full_scale, rounding)
+        known = Gain(0.0, np.inf, step_of(stack)) if noise is None else noise
+        return cls(method, background, window, ring, known, full_scale)
 
     def measure(
         self,
@@ -171,7 +164,7 @@ class Engine:
             lost = full[:, None, None] & (raw >= least)
             kept = (~lost if missing is None else ~lost & ~missing).astype(raw.dtype)
         last_digit = float(np.finfo(raw.dtype).eps) * np.abs(peak)
-        noise = pixel_noise(plane, self.detector, self.rounding, last_digit)
+        noise = pixel_noise(plane, self.noise, last_digit)
         sides = self.window, self.ring
         return Cut(raw, signal, missing, kept, peak, full, plane, noise, *sides)
 
@@ -217,10 +210,3 @@ class Engine:
         signal = np.nan_to_num(cut.plane.of(some).off(stamps))
         crowded = lopsided(signal, kept, part, looked.fit) & looked.fit.converged
         result.flags[some[crowded]] |= SpotFlag.NEIGHBOUR
-
-
-def _step(stack: NDArray[Any]) -> float:
-    """Step of whole readings: 16 where twelve bits are aligned to the left, 1 where few tell."""
-    sample = stack.reshape(-1)[:: max(1, stack.size // _SAMPLES) | 1].astype(np.float64)
-    step = digit_step(sample)
-    return step if step == 1.0 or len(np.unique(sample)) >= _TELLING else 1.0

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Indices, Pixels
-from losbench.imaging.background import RING, Plane
+from losbench.imaging.background import Plane
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Estimate
 from losbench.imaging.results import Measured, SpotFlag
+from losbench.imaging.stamps import RING
 from losbench.imaging.window import look
 
 __all__ = ["Cut", "judged", "saturated"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,81 @@ from losbench.arrays import Bools, Floats, Pixels
 from losbench.imaging.background import Plane
 from losbench.imaging.columns import Templates
 from losbench.imaging.detector import Detector
+from losbench.imaging.ranks import digit_step
 
-__all__ = ["PixelNoise", "peak_reading", "pixel_noise"]
+__all__ = ["Gain", "PixelNoise", "Transfer", "peak_reading", "pixel_noise", "step_of"]
+
+
+_SAMPLES = 2048  # readings that tell their step
+_TELLING = 8  # different ones
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """How variance grows with signal, to be drawn.
+
+    Attributes
+    ----------
+    signal_dn : (B,) array, DN
+        Without background.
+    variance_dn2, error_dn2 : (B,) arrays, DN squared
+        Of the readings with about that signal, and its one-sigma error.
+    floor_dn2, level_dn : float
+        Median variance and level of the rings.
+    """
+
+    signal_dn: Floats
+    variance_dn2: Floats
+    error_dn2: Floats
+    floor_dn2: float
+    level_dn: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Noise of readings, as `estimate_gain` finds it: the scatter of the ring squared, and
+    ``per_dn`` times the signal, make up the variance.
+
+    Parameters
+    ----------
+    per_dn : float, DN
+        Inverse of the gain in electrons per DN.
+    std_error : float, DN
+        Its one-sigma error; infinite where the frames do not tell, so that predicted errors are
+        lower bounds.
+    step_dn : float, DN
+        Step of the readings, 0 for those that are not whole numbers.
+    curve : Transfer, optional
+        What it was read from.
+
+    Examples
+    --------
+    Known from elsewhere, 2 e-/DN, without offset or read noise:
+
+    >>> Gain(per_dn=0.5, std_error=0.0).known, Gain(per_dn=0.0, std_error=np.inf).known
+    (True, False)
+    """
+
+    per_dn: float
+    std_error: float
+    step_dn: float = 0.0
+    curve: Transfer | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def coarse(self) -> bool:
+        """Whether the noise is below half a step, so that predicted errors are too large."""
+        return self.curve is not None and self.curve.floor_dn2 < (self.step_dn / 2.0) ** 2
+
+    @property
+    def rounding(self) -> float:
+        """Least variance of a reading, for its rounding, DN squared."""
+        # More than a twelfth: with noise below half a step neighbours are rounded the same way.
+        return self.step_dn**2 / 8.0
+
+    @property
+    def known(self) -> bool:
+        """Whether the frames told it."""
+        return bool(np.isfinite(self.std_error))
 
 
 @dataclass(frozen=True)
@@ -59,20 +132,18 @@ class PixelNoise:
         return light
 
 
-def pixel_noise(
-    plane: Plane, detector: Detector | None, rounding: float, last_digit: Floats
-) -> PixelNoise:
-    """Variance of the pixels on that background, from the detector or else from the ring.
+def pixel_noise(plane: Plane, noise: Detector | Gain, last_digit: Floats) -> PixelNoise:
+    """Variance of the pixels on that background, by a detector, or by the ring and a gain.
 
-    ``rounding`` is the least variance of a reading that is rounded, DN squared, 0 for readings of
-    a float type, whose ``last_digit`` (M,) is then known.
+    ``last_digit`` (M,) is the precision of readings that are not whole, DN.
     """
-    if detector is None:
+    per_dn = noise.per_dn
+    if isinstance(noise, Gain):
         # Frames without any noise are known to their last digit, not to nothing.
-        digit = 0.0 if rounding else last_digit
-        floor, per_dn = np.maximum(plane.scatter**2, rounding + digit**2), 0.0
+        least = noise.rounding if noise.step_dn else last_digit**2
+        floor = np.maximum(plane.scatter**2, least)
     else:
-        floor, per_dn = detector.variance_dn(plane.level), 1.0 / detector.gain_e_per_dn
+        floor = noise.variance_dn(plane.level)
     of_plane = np.empty((len(floor), 3))
     of_plane[:, 0] = plane.level_variance * floor
     of_plane[:, 1:] = plane.slope_variance * floor[:, None]
@@ -84,3 +155,13 @@ def peak_reading(raw: Pixels, missing: Bools | None) -> Floats:
     pixels = raw.reshape(-1, raw.shape[1] * raw.shape[2])
     top = pixels.max(axis=1) if missing is None else np.nan_to_num(pixels).max(axis=1)
     return top.astype(np.float64)
+
+
+def step_of(stack: NDArray[Any]) -> float:
+    """Step of whole readings: 16 where twelve bits are aligned to the left, 1 where few tell; 0 for
+    readings that are not whole.
+    """
+    sample = stack.reshape(-1)[:: max(1, stack.size // _SAMPLES) | 1].astype(np.float64)
+    sample = sample[np.isfinite(sample)]
+    step = digit_step(sample) if sample.size else 0.0
+    return step if step <= 1.0 or len(np.unique(sample)) >= _TELLING else 1.0

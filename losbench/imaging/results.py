@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Floats, Ints
 from losbench.display import html_table, with_error
+from losbench.imaging.detector import Detector
+from losbench.imaging.noise import Gain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,6 +78,10 @@ class SpotFlag(IntFlag):
     BAD_PIXEL = (
         512,
         "Pixels were not read, or stand out of the fit; a template goes without them.",
+    )
+    LOWER_BOUND = (
+        1024,
+        "Fewer than three frames, and no detector: the error leaves out the spot's shot noise.",
     )
 
     @classmethod
@@ -173,6 +179,8 @@ class Centroids:
         What measured them, as given or chosen.
     reason : str
         Why it was chosen, where `AutoCentroid` did.
+    noise : Detector or Gain
+        What the predicted errors rest on, as given or found.
     """
 
     xy: Floats
@@ -186,6 +194,7 @@ class Centroids:
     n_bad: Ints | None = None
     method: CentroidMethod | None = None
     reason: str = ""
+    noise: Detector | Gain | None = None
 
     def to_frame(self) -> pd.DataFrame:
         """Return a pandas table with one row per frame and spot, and the flags in words."""

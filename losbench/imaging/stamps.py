@@ -4,6 +4,7 @@ copies.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Indices, Pixels
 
-__all__ = ["cut_stamps", "take_pixels"]
+__all__ = ["RING", "cut_stamps", "ring_places", "take_pixels"]
+
+
+RING = 4  # pixels, the breadth of the ring around a window
 
 
 def cut_stamps(stack: NDArray[Any], frame: Indices, centre: Indices, reach: int) -> Pixels:
@@ -67,3 +71,11 @@ def take_pixels(
     if stack.dtype.kind == "f" and np.isinf(pixels).any():
         raise ValueError("frames must be finite, or NaN where a pixel was not read, got infinity")
     return pixels
+
+
+@cache
+def ring_places(side: int) -> tuple[Indices, Indices]:
+    """Offsets x and y (R,) of the pixels of the ring of four pixels around ``side`` pixels."""
+    offset = np.arange(side + 2 * RING) - side // 2 - RING
+    row, column = np.nonzero(np.maximum(abs(offset)[:, None], abs(offset)) > side // 2)
+    return offset[column], offset[row]

@@ -41,7 +41,7 @@ def measured(
         centroid,
         method=survey.method,
         background=background,
-        detector=recording.detector,
+        detector=survey.noise,
         full_scale_dn=recording.full_scale_dn,
     )
     seen = see(frames, bands.within(expected))

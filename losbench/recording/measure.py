@@ -50,8 +50,8 @@ def measure(
     ----------
     recording : Recording
         From `read_recording`, which also takes the detector, dark, flat and bad pixels. Without a
-        detector, from there or from the files, predicted errors leave out the shot noise of the
-        spots.
+        detector, from there or from the files, predicted errors rest on the noise that up to 64
+        frames tell of themselves (`estimate_gain`).
     camera : Camera, optional
         Turns shifts into angles. Without it the table ends with the shifts, and a note says so.
     spots : (n, 2) array, int or Find, optional
@@ -109,7 +109,7 @@ def measure(
     )
     track = tracked(Job(recording, surveys, under), run or Run())
     xy, sigma, flags = track.xy, track.sigma, track.flags
-    notes = notes_on_frames(track, recording.detector)
+    notes = notes_on_frames(track, surveys)
     if how.smooth is not None:
         xy, sigma = smoothed(how.smooth, xy)
         notes.append("Positions are smoothed: neighbouring frames share their errors.")
@@ -128,4 +128,5 @@ def measure(
         attitude,
         table,
         (*recording.notes, *notes, *said),
+        surveys,
     )

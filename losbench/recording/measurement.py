@@ -22,6 +22,8 @@ from losbench.recording.belief import (
 if TYPE_CHECKING:
     import pandas as pd
 
+    from losbench.recording.survey import Survey
+
 __all__ = ["Measurement"]
 
 
@@ -47,6 +49,8 @@ class Measurement:
         errors.
     notes : tuple of str
         What the reader of the table must know, a line each.
+    surveys : tuple of Survey
+        For each stamp, what was fixed beforehand: window, width, noise, expected places.
     """
 
     xy_px: Floats
@@ -58,6 +62,7 @@ class Measurement:
     attitude: AttitudeFit | None
     table: pd.DataFrame
     notes: tuple[str, ...]
+    surveys: tuple[Survey, ...] = ()
 
     def belief(self, other: Measurement | None = None) -> Belief:
         """Say what the data themselves tell of these numbers, without the truth.

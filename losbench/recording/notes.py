@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from losbench.arrays import Floats, Ints
 from losbench.imaging.detector import Detector
 from losbench.imaging.results import SpotFlag
+from losbench.recording.survey import Survey
 from losbench.recording.track import Track
 
 __all__ = ["notes_on_frames"]
@@ -16,13 +19,45 @@ _SKIPPED_NAMED = 3
 _SILENT = (SpotFlag.EDGE, SpotFlag.TOO_FAINT, SpotFlag.MISSING)  # told by the spots that are lost
 
 
-def notes_on_frames(track: Track, detector: Detector | None) -> list[str]:
-    """Say what was skipped, lost and flagged, and whether the noise was known."""
-    notes = [*_on_skipped(track.skipped, len(track.xy)), *_on_loss(track.xy, track.flags)]
-    if detector is None:
+def notes_on_frames(track: Track, surveys: Sequence[Survey]) -> list[str]:
+    """Say what was skipped, lost and flagged, and what the predicted errors rest on."""
+    return [
+        *_on_skipped(track.skipped, len(track.xy)),
+        *_on_loss(track.xy, track.flags),
+        *_on_noise(surveys),
+    ]
+
+
+def _on_noise(surveys: Sequence[Survey]) -> list[str]:
+    """Say where the noise comes from, and where a detector and the frames disagree."""
+    given = surveys[0].noise
+    if isinstance(given, Detector):
+        said = (
+            f"Predicted errors rest on the detector: {given.gain_e_per_dn:.4g} e-/DN, "
+            f"{given.read_noise_e:.4g} e- read noise."
+        )
+        return [said, *dict.fromkeys(doubt for survey in surveys for doubt in survey.doubts)]
+    found = [survey.found for survey in surveys if survey.found.known]
+    notes = []
+    if len(found) < len(surveys):
+        of = "" if not found else f" of {len(surveys) - len(found)} of {len(surveys)} stamps"
         notes.append(
-            "No detector was given: predicted errors leave out the shot noise of the spots, and "
-            "are too small."
+            f"No detector was given, and the frames do not tell the noise of bright pixels: "
+            f"predicted errors{of} leave out the shot noise of the spots. They are lower bounds, "
+            "and flagged LOWER_BOUND."
+        )
+    if found:
+        told = sorted(found, key=lambda gain: gain.per_dn)[len(found) // 2]
+        most = "" if len(found) == 1 else f", the median of {len(found)} stamps"
+        scatter = "" if told.curve is None else f" and {np.sqrt(told.curve.floor_dn2):.3g} DN rms"
+        notes.append(
+            f"No detector was given: predicted errors rest on the noise of the frames, "
+            f"{told.per_dn:.3g} +- {told.std_error:.2g} DN of variance per DN of signal{most}"
+            f"{scatter} around the spots."
+        )
+    if any(gain.coarse for gain in found):
+        notes.append(
+            "The noise is below half a step of the readings: predicted errors are too large."
         )
     return notes
 

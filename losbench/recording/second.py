@@ -8,6 +8,7 @@ import numpy as np
 
 from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
+from losbench.imaging.methods import as_method
 from losbench.imaging.places import evenly
 from losbench.imaging.protocols import CentroidMethod
 from losbench.recording.measurement import Measurement
@@ -45,11 +46,12 @@ def second_opinion(
     Measurement
         Without angles, and NaN in the frames that were left out: for `Measurement.belief`.
     """
+    how = as_method(method, {})
     chosen = evenly(recording.n_frames, most)
     xy, sigma = np.full_like(measured.xy_px, np.nan), np.full_like(measured.xy_px, np.nan)
     flags = np.zeros_like(measured.flags)
     spot = 0
-    for stamp in recording.stamps:
+    for stamp, survey in zip(recording.stamps, measured.surveys, strict=True):
         count = measured.xy_px.shape[1] if len(recording.stamps) == 1 else 1
         of_stamp, origin = slice(spot, spot + count), np.array(stamp.origin_px)
         for first in range(0, len(chosen), _BLOCK):
@@ -58,9 +60,9 @@ def second_opinion(
             found = centroid(
                 np.concatenate([block.frames for block in read]),
                 measured.xy_px[some, of_stamp] - origin,
-                method=method,
+                method=how if how.window else replace(how, window=survey.method.window),
                 background=background,
-                detector=recording.detector,
+                detector=survey.noise,
                 full_scale_dn=recording.full_scale_dn,
             )
             good = np.concatenate([block.good for block in read])[:, None, None]

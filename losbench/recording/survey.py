@@ -9,19 +9,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from losbench.arrays import Floats, Ints, Pixels
-from losbench.imaging.background import RING, Background
+from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
+from losbench.imaging.detector import Detector
+from losbench.imaging.engine import Engine
+from losbench.imaging.gain import recording_gain
+from losbench.imaging.noise import Gain, step_of
 from losbench.imaging.places import evenly, in_frame
 from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.results import SpotFlag
 from losbench.imaging.sizes import window_in_first
-from losbench.imaging.stamps import cut_stamps
+from losbench.imaging.stamps import RING, cut_stamps
+from losbench.recording.contradiction import contradictions
 from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
 
 __all__ = ["Survey", "survey"]
 
 
+_UNKNOWN = Gain(0.0, np.inf)
 _EVERY = 64  # frames from one node of the path to the next, in a long recording
 _MOST = 64  # frames that are looked at closely
 _KEPT = 2**25  # pixels that are kept of them
@@ -42,12 +48,21 @@ class Survey:
         Where they were looked for in the first.
     method : CentroidMethod
         With its window, and the width of its template.
+    noise : Detector or Gain
+        What predicted errors rest on: the detector, or what the frames tell.
+    found : Gain
+        What the frames tell, also beside a detector.
+    doubts : tuple of str
+        Where they contradict it.
     """
 
     frames: Ints
     path: Floats
     start: Floats
     method: CentroidMethod
+    noise: Detector | Gain = _UNKNOWN
+    found: Gain = _UNKNOWN
+    doubts: tuple[str, ...] = ()
 
     def predicted(self, first: int, last: int) -> Floats:
         """Where the spots are to be expected in frames ``first`` to ``last`` (excluded), (F, n, 2):
@@ -90,16 +105,16 @@ def survey(
     how = replace(method, centre=method.centre or "peak")
     path = np.full((len(nodes), *start.shape), np.nan)
     close: dict[int, Pixels] = {}
-    last, look, reach, looked = start, how, 0, np.array([], dtype=np.intp)
+    last, look, side, reach, looked = start, how, 0, 0, np.array([], dtype=np.intp)
     for node, k in enumerate(nodes.tolist()):
         read = stamp.read(k, k + 1, skip=recording.skip_unreadable)
         if not read.good[0]:
             continue
         if not reach:
-            window = how.window or window_in_first(read.frames[0], last)
-            how = replace(how, window=window)
-            look = replace(how, width=window / 6.0) if _open(how) else how
-            reach = max(window, background.side or 0) // 2 + RING + _MARGIN
+            side = how.window or window_in_first(read.frames[0], last)
+            how = replace(how, window=side)
+            look = replace(how, width=side / 6.0) if _open(how) else how
+            reach = max(side, background.side or 0) // 2 + RING + _MARGIN
             room = max(3, _KEPT // (len(start) * (2 * reach + 1) ** 2))
             looked = evenly(len(nodes), min(_MOST, room))
         seen = centroid(
@@ -107,7 +122,7 @@ def survey(
             last,
             method=look,
             background=background,
-            detector=recording.detector,
+            detector=recording.detector or Gain(0.0, np.inf, step_of(read.frames)),
             full_scale_dn=recording.full_scale_dn,
         )
         lost = seen.flags[0] & SpotFlag.NOT_CONVERGED > 0
@@ -115,9 +130,26 @@ def survey(
         last = np.where(np.isnan(path[node]), last, path[node])
         if node in looked:
             close[node] = side_by_side(read.frames, path[node], reach)
+    found = _UNKNOWN
+    if close:
+        stack = np.stack(list(close.values()))
+        at = places_side_by_side(path[list(close)], reach)
+        engine = Engine.of_stack(stack, how, background, side, None, recording.full_scale_dn)
+        found = recording_gain(engine, stack, at)
+    known = recording.detector
+    noise, doubts = (found, []) if known is None else (known, contradictions(known, found))
     if _open(how) and close:
-        how = replace(how, width=_width(how, background, recording, path, close))
-    return Survey(nodes, path, start, how)
+        how = replace(how, centre="start")
+        seen = centroid(
+            stack,
+            at,
+            method=how,
+            background=background,
+            detector=noise,
+            full_scale_dn=recording.full_scale_dn,
+        )
+        how = replace(how, width=seen.width_px, centre=look.centre)
+    return Survey(nodes, path, start, how, noise, found, tuple(doubts))
 
 
 def _open(method: CentroidMethod) -> bool:
@@ -140,22 +172,3 @@ def places_side_by_side(path: Floats, reach: int) -> Floats:
     corner = np.rint(path) - reach
     corner[..., 0] -= (2 * reach + 1) * np.arange(path.shape[1])
     return path - corner
-
-
-def _width(
-    how: CentroidMethod,
-    background: Background,
-    recording: Recording,
-    path: Floats,
-    close: dict[int, Pixels],
-) -> Floats | None:
-    """Width (n, 2) of the template of each spot."""
-    stack = np.stack(list(close.values()))
-    return centroid(
-        stack,
-        places_side_by_side(path[list(close)], len(stack[0]) // 2),
-        method=replace(how, centre="start"),
-        background=background,
-        detector=recording.detector,
-        full_scale_dn=recording.full_scale_dn,
-    ).width_px

@@ -23,7 +23,15 @@ def flags(*args, **kwargs):
 
 
 def test_a_spot_without_reproach_has_no_flag():
-    assert flags(image([[40, 30]]), [[40, 30]]) == SpotFlag(0)
+    assert flags(image([[40, 30]]), [[40, 30]], noise=CAMERA) == SpotFlag(0)
+
+
+def test_without_a_detector_fewer_than_three_frames_give_a_lower_bound_and_say_so():
+    frames = np.stack([image([[40, 30]], seed=k) for k in range(3)])
+    one, two, three = (lb.centroid(frames[:n], [[40, 30]], window=13) for n in (1, 2, 3))
+    assert (one.flags == SpotFlag.LOWER_BOUND).all() and (two.flags == SpotFlag.LOWER_BOUND).all()
+    assert not one.noise.known and not three.flags.any()
+    assert three.sigma_xy.mean() > 1.15 * two.sigma_xy.mean()
 
 
 @pytest.mark.parametrize(
@@ -31,7 +39,7 @@ def test_a_spot_without_reproach_has_no_flag():
     [(4.0, SpotFlag.EDGE, False), (7.2, SpotFlag.EDGE, True), (11.0, SpotFlag(0), True)],
 )
 def test_a_spot_near_the_border(x, flag, measured):
-    found = lb.centroid(image([[x, 30]]), [[x, 30]], window=13)
+    found = lb.centroid(image([[x, 30]]), [[x, 30]], window=13, noise=CAMERA)
     assert SpotFlag(int(found.flags[0])) == flag
     assert np.isfinite(found.xy).all() == measured
     if measured:
@@ -61,7 +69,7 @@ def test_unread_pixels_in_the_window_make_a_spot_missing_and_in_the_ring_they_do
     frames[0, 28, 41] = np.nan
     frames[1, 22:25, 20:50] = np.nan
     frames[2] = np.nan
-    found = lb.centroid(frames, [[40, 30]], window=11)
+    found = lb.centroid(frames, [[40, 30]], window=11, noise=CAMERA)
     assert SpotFlag.MISSING in SpotFlag(int(found.flags[0, 0]))
     assert found.flags[1, 0] == 0
     assert SpotFlag.MISSING in SpotFlag(int(found.flags[2, 0]))

@@ -8,10 +8,11 @@ from scipy import ndimage
 
 import losbench as lb
 from losbench.imaging.background import Ring
-from losbench.imaging.engine import Engine, _step
+from losbench.imaging.engine import Engine
 from losbench.imaging.finder import _around, _beside
 from losbench.imaging.flags import _leaks, saturated
 from losbench.imaging.levels import _least_noise
+from losbench.imaging.noise import step_of
 from losbench.imaging.places import peak_pixels
 from losbench.imaging.ranks import digit_step, level_and_noise, medians
 from losbench.imaging.sizes import default_window, spot_sigma, window_in_first
@@ -190,10 +191,10 @@ def test_the_spread_of_a_window_is_that_of_its_pixels(per_dn):
 def test_eight_different_readings_tell_their_step():
     for different, step in ((7, 1.0), (8, 16.0)):
         stack = 16 * (np.arange(1200).reshape(3, 20, 20) % different)
-        assert _step(stack.astype(np.uint16)) == step
+        assert step_of(stack.astype(np.uint16)) == step
     stack = (16 * (np.arange(1200).reshape(3, 20, 20) % 9)).astype(np.uint16)
     engine = Engine.of_stack(stack, lb.Grey(), Ring(), 9)
-    assert engine.rounding == pytest.approx(16**2 / 8)
+    assert engine.noise.rounding == pytest.approx(16**2 / 8)
     detector = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, full_well_e=2001.0)
     for given, known, expected in (
         (None, None, 65_535.0),
@@ -202,9 +203,9 @@ def test_eight_different_readings_tell_their_step():
     ):
         engine = Engine.of_stack(stack, lb.Grey(), Ring(), 9, known, given)
         assert engine.full_scale_dn == expected
-        assert (engine.rounding > 0) == (known is None)
+        assert engine.noise is detector if known else engine.noise.rounding > 0
     light = Engine.of_stack(stack.astype(np.float32), lb.Grey(), Ring(), 9)
-    assert light.full_scale_dn == np.inf and light.rounding == 0.0
+    assert light.full_scale_dn == np.inf and light.noise.rounding == pytest.approx(16**2 / 8)
     assert Engine.of_stack(stack[:, :, :19], lb.Grey(), Ring(), 19).window == 19
     with pytest.raises(ValueError, match="window of 21 x 21 pixels does not fit"):
         Engine.of_stack(stack, lb.Grey(), Ring(), 21)

@@ -109,7 +109,8 @@ def test_wings_of_a_moffat_are_no_bad_pixels(beta):
 def test_light_of_another_spot_is_flagged_and_not_masked(method, also):
     """Fainter ones beside the spot, and brighter ones that have captured it."""
     image, xy = frames(also=also)
-    found = lb.centroid(image, np.rint(xy), method=method)
+    # The other spot is elsewhere in every frame, which pairs of frames would take for noise.
+    found = lb.centroid(image, np.rint(xy), method=method, detector=lb.Gain(0.0, 0.0))
     least = 0.8 if isinstance(method, lb.EIWA) and also[0] == 0.03 else 0.98
     assert share(found, lb.SpotFlag.NEIGHBOUR) > least
 

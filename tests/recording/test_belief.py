@@ -177,5 +177,5 @@ def test_a_call_enters_no_file_more_than_twice(options):
     finally:
         sys.setprofile(None)
     often = {name: count for name, count in Counter(stays).items() if count > 2}
-    assert not often, stays
+    assert not often, "\n".join(stays)
     assert len(set(stays)) > 12

@@ -1,5 +1,6 @@
 """What is fixed before a recording is measured, and where its spots are then expected."""
 
+import dataclasses
 import pickle
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import losbench as lb
 from losbench.imaging.background import Ring
+from losbench.imaging.results import SpotFlag
 from losbench.recording.survey import Survey, places_side_by_side, side_by_side, survey
 
 SENSOR = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
@@ -46,7 +48,8 @@ def test_spots_are_expected_between_where_they_were_seen():
 def test_where_a_spot_was_not_seen_its_neighbours_in_time_tell_or_else_the_start():
     path = np.full((3, 2, 2), np.nan)
     path[0, 0], path[2, 0] = 10.0, 14.0
-    found = Survey(np.array([0, 2, 4]), path, SPOTS, lb.EIWA(13))
+    none = lb.Gain(0.0, np.inf)
+    found = Survey(np.array([0, 2, 4]), path, SPOTS, lb.EIWA(13), none, none)
     np.testing.assert_allclose(found.predicted(0, 6)[:, 0, 0], [10, 11, 12, 13, 14, 14])
     np.testing.assert_array_equal(found.predicted(3, 4)[0, 1], SPOTS[1])
 
@@ -70,3 +73,38 @@ def test_squares_side_by_side_hold_the_pixels_around_each_spot():
     np.testing.assert_array_equal(row[:, :5], frame[0, 6:11, 8:13])
     np.testing.assert_array_equal(row[:, 5:9], frame[0, 1:6, 26:30])
     assert np.isnan(row[:, 9:]).all()
+
+
+def test_noise_comes_from_the_detector_or_from_the_frames_and_is_said():
+    recording, _ = drifting(40)
+    stack = recording.stamps[0].read(0, 40, skip=False).frames
+    given = lb.measure(recording, spots=SPOTS)
+    assert given.surveys[0].noise is SENSOR and not given.surveys[0].doubts
+    assert "Predicted errors rest on the detector: 2 e-/DN, 5 e- read noise." in given.notes
+    own = lb.measure(lb.read_recording(stack), spots=SPOTS)
+    assert own.surveys[0].noise.per_dn == pytest.approx(0.5, rel=0.2)
+    assert any("rest on the noise of the frames, 0." in note for note in own.notes)
+    np.testing.assert_allclose(own.sigma_xy_px, given.sigma_xy_px, rtol=0.15)
+    assert not own.flags.any()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "number"),
+    [({"gain_e_per_dn": 4.0}, "its gain says 0.25"), ({"read_noise_e": 20.0}, "noise say 1")],
+)
+def test_a_detector_that_the_frames_contradict_is_named_with_its_numbers(wrong, number):
+    recording, _ = drifting(40)
+    stack = recording.stamps[0].read(0, 40, skip=False).frames
+    measured = lb.measure(
+        lb.read_recording(stack, detector=dataclasses.replace(SENSOR, **wrong)), spots=SPOTS
+    )
+    assert any("contradict the detector" in n and number in n for n in measured.notes)
+
+
+def test_two_frames_give_lower_bounds_that_are_flagged_in_table_and_notes():
+    recording, _ = drifting(2)
+    stack = recording.stamps[0].read(0, 2, skip=False).frames
+    measured = lb.measure(lb.read_recording(stack), spots=SPOTS)
+    assert set(measured.table[["flags1", "flags2"]].to_numpy().ravel()) == {SpotFlag.LOWER_BOUND}
+    assert any("lower bounds, and flagged LOWER_BOUND" in note for note in measured.notes)
+    assert "4 of 4 centroids carry the flag LOWER_BOUND." in measured.notes

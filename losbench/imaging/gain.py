@@ -1,0 +1,346 @@
+"""The noise of a reading from the frames themselves: photon transfer on spots that hardly move.
+
+The variance of a pixel is floor + per_dn * signal. The floor is the scatter of the ring around a
+spot. The rest shows where two frames of one spot differ: once what a shift, a change of width, of
+light or of background explains is taken out of the difference, half of its square is a sample of
+the variance at the signal of that pixel (Janesick, Photon Transfer, SPIE Press 2007).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import KDTree
+
+from losbench.arrays import Bools, Floats, Indices, Pixels
+from losbench.checks import finite
+from losbench.imaging.background import fit_ring
+from losbench.imaging.columns import Templates
+from losbench.imaging.eiwa import EIWA
+from losbench.imaging.engine import Engine
+from losbench.imaging.noise import Gain, Transfer, step_of
+from losbench.imaging.places import as_stack, as_starts, evenly, in_frame
+from losbench.imaging.results import SpotFlag
+from losbench.imaging.stamps import cut_stamps, ring_places, take_pixels
+
+__all__ = ["estimate_gain", "recording_gain"]
+
+
+_FEWEST_FRAMES = 3
+_FRAMES = 64
+_SPOTS = 16  # the brightest
+_PAIRS = 96  # windows in all: the gain to a few percent
+_PIXELS = 2**18  # in all of them
+_ROUNDS = 3
+_OWN = 0.7  # leverage: such a pixel is explained by itself
+_SURE = 3.0  # sigma
+_ALIKE = 1e-9  # eigenvalue below which two columns are one
+_BINS = 12
+_FAR = 16.0  # squares of the noise: what differs by more is no noise
+_PLATEAU = 5  # pixels that share the highest reading
+
+
+@dataclass(frozen=True)
+class _Spot:
+    """One spot at (P, 2, 2) in P pairs of frames (P, 2); its sigma and the side of its window."""
+
+    pairs: Indices
+    at: Floats
+    width: float
+    side: int
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """P pairs of windows of S pixels: their difference, mean signal (P, S), what may explain the
+    difference (P, S, 14), the floor (P, 1) of the variance, which pixels count, and gradient
+    squared times shift squared; how much pairs share frames, and the level (P,) of the ring.
+    """
+
+    difference: Floats
+    signal: Floats
+    basis: Floats
+    floor: Floats
+    use: Bools
+    shifted: Floats
+    shared: float
+    level: Floats
+
+
+def estimate_gain(
+    frames: ArrayLike, xy: ArrayLike, width: ArrayLike, *, full_scale_dn: float = np.inf
+) -> Gain:
+    """Estimate how the variance of a reading grows with the signal, from spots in three frames or
+    more.
+
+    Parameters
+    ----------
+    frames : (F, H, W) array, DN
+    xy : (n, 2) or (F, n, 2) array, pixels
+        Centroids, NaN where a spot is missing; the better they are, the closer the pairs.
+    width : float or (n,) array, pixels
+        Sigma of the spots, to some ten percent.
+    full_scale_dn : float
+        Reading of a saturated pixel.
+
+    Returns
+    -------
+    Gain
+        With an infinite error if there are fewer than three frames, or no spot tells.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not match.
+
+    Notes
+    -----
+    Neither offset nor read noise are needed. Each frame is paired with the one in which the spot
+    lies nearest. Out of the difference of two windows are projected, weighted by the noise: a
+    level, the mean window itself, a plane, the first and second central differences of the mean,
+    and a Gaussian with its slopes by place and width, which hold where a spot is too sharp for
+    differences. The samples of the variance, corrected for leverage, are regressed on the signal
+    and on gradient squared times shift squared, which takes up what a shift leaves.
+
+    Examples
+    --------
+    >>> import losbench as lb
+    >>> camera = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
+    >>> light = lb.render_spots([[20.3, 15.8]], 2e5, 2.0, (40, 40)) + 30.0
+    >>> frames = camera.expose(np.stack([light] * 50), 1)
+    >>> gain = lb.estimate_gain(frames, [[20.3, 15.8]], 2.0)
+    >>> round(gain.per_dn, 1), gain.std_error < 0.05
+    (0.5, True)
+    """
+    stack = as_stack(frames)
+    places = as_starts("xy", xy, len(stack))
+    widths = np.broadcast_to(finite("width", width), places.shape[1:2])
+    step = step_of(stack)
+    if len(stack) < _FEWEST_FRAMES:
+        return Gain(0.0, np.inf, step)
+    spots = _brightest(stack, places)
+    found = []
+    for spot in spots.tolist():
+        width = float(widths[spot])
+        side = 2 * int(np.ceil(3.0 * width)) + 1
+        most = min(_PAIRS // len(spots), _PIXELS // (len(spots) * side**2))
+        pairs = _paired(places[:, spot], max(most, 2))
+        if len(pairs):
+            one = _Spot(pairs, places[pairs, spot], width, side)
+            found.append(_compared(stack, one, full_scale_dn, step))
+    if not found:
+        return Gain(0.0, np.inf, step)
+    per_dn, left, error = _slope(found)
+    return Gain(per_dn, error, step, _curve(found, per_dn, left))
+
+
+def recording_gain(engine: Engine, stack: NDArray[Any], places: Floats) -> Gain:
+    """Gain of frames (F, H, W) with spots near (F, n, 2), by the windows of an engine."""
+    if len(stack) < _FEWEST_FRAMES:
+        return Gain(0.0, np.inf, step_of(stack))
+    chosen = evenly(len(stack), _FRAMES)
+    some = stack if len(chosen) == len(stack) else stack[chosen]
+    near = places[chosen]
+    near = near[:, _brightest(some, near)]
+    if not near.size:
+        return Gain(0.0, np.inf, step_of(stack))
+    frame, spot, middle = in_frame(some, near)
+    look = replace(engine, method=EIWA(engine.window))
+    seen = look.measure(
+        some, frame, middle, near[frame, spot], width=np.full((len(frame), 2), np.nan)
+    )
+    xy = np.full(near.shape, np.nan)
+    xy[frame, spot] = np.where((seen.flags & SpotFlag.NOT_CONVERGED > 0)[:, None], np.nan, seen.xy)
+    return estimate_gain(some, xy, engine.window / 6.0, full_scale_dn=engine.full_scale_dn)
+
+
+def _brightest(stack: NDArray[Any], places: Floats) -> Indices:
+    """Spots whose middle pixel reads most, of those that three frames show."""
+    _, rows, columns = stack.shape
+    pixel = np.rint(np.nan_to_num(places, nan=-1.0)).astype(np.intp)
+    inside = ((pixel >= 0) & (pixel < (columns, rows))).all(axis=-1)
+    frame, spot = np.nonzero(inside)
+    x, y = pixel[inside].T
+    reading = np.full(inside.shape, np.nan)
+    reading[frame, spot] = stack[frame, y, x]
+    seen = np.isfinite(reading).sum(axis=0)
+    mean = np.where(np.isfinite(reading), reading, 0.0).sum(axis=0) / np.maximum(seen, 1)
+    shown = np.flatnonzero(seen >= _FEWEST_FRAMES)
+    return shown[np.argsort(-mean[shown], kind="stable")[:_SPOTS]]
+
+
+def _paired(places: Floats, most: int) -> Indices:
+    """Pairs (P, 2) of frames in which the spot lies nearest, the closest ``most``."""
+    frames = np.flatnonzero(np.isfinite(places).all(axis=1))
+    if len(frames) < 2:
+        return np.zeros((0, 2), np.intp)
+    # Where a spot rests, all frames are as near: a millipixel decides, lest one be in all pairs.
+    at = places[frames] + 1e-3 * np.random.default_rng(0).random((len(frames), 2))
+    found = KDTree(at).query(at, k=2)
+    gap, nearest = np.asarray(found[0]), np.asarray(found[1])
+    pairs, index = np.unique(
+        np.sort(frames[np.stack([np.arange(len(frames)), nearest[:, 1]], axis=1)], axis=1),
+        axis=0,
+        return_index=True,
+    )
+    chosen: Indices = pairs[np.argsort(gap[index, 1], kind="stable")[:most]]
+    return chosen
+
+
+def _compared(stack: NDArray[Any], spot: _Spot, full_scale_dn: float, step: float) -> _Pairs:
+    """Windows of the pairs of one spot."""
+    pairs, at, side = spot.pairs, spot.at, spot.side
+    middle = np.rint(at.mean(axis=1)).astype(np.intp)
+    frames = pairs[:, 0], pairs[:, 1]
+    planes = [
+        fit_ring(take_pixels(stack, k, middle, *ring_places(side)).astype(np.float64), side)
+        for k in frames
+    ]
+    whole = [cut_stamps(stack, k, middle, side // 2 + 1).astype(np.float64) for k in frames]
+    signal = (planes[0].off(whole[0]) + planes[1].off(whole[1])) / 2
+    one, two = (stamps[:, 1:-1, 1:-1] for stamps in whole)
+    top = np.maximum(one, two)
+    missing = ~np.isfinite(signal)
+    signal[missing] = 0.0
+    use = np.isfinite(one - two) & (top < full_scale_dn)
+    # A plateau below full scale is saturation as well, and has no noise.
+    highest = np.nanmax(np.where(use, top, -np.inf), axis=(1, 2), keepdims=True)
+    use &= ((top >= highest).sum(axis=(1, 2), keepdims=True) < _PLATEAU) | (top < highest)
+    if missing.any():
+        use &= ~missing[:, 1:-1, 1:-1]
+    centre = at.mean(axis=1) - middle
+    basis = _explaining(signal, centre, spot.width)
+    slope = (basis[..., 4] ** 2 + basis[..., 5] ** 2) / 4
+    shift = ((at[:, 1] - at[:, 0]) ** 2).sum(axis=1)
+    count = len(pairs)
+    floor = np.maximum(planes[0].scatter ** 2 + planes[1].scatter ** 2, step**2 / 6.0) / 2
+    difference = np.where(use, one - two, 0.0).reshape(count, -1)
+    degree = np.bincount(pairs.ravel())
+    shared = 1.0 + float((degree * (degree - 1)).sum()) / 4.0 / count
+    return _Pairs(
+        difference,
+        signal[:, 1:-1, 1:-1].reshape(count, -1),
+        basis,
+        np.nan_to_num(floor)[:, None],
+        use.reshape(count, -1) & np.isfinite(floor)[:, None],
+        slope * shift[:, None],
+        shared,
+        (planes[0].level + planes[1].level) / 2,
+    )
+
+
+def _explaining(signal: Pixels, centre: Floats, width: float) -> Floats:
+    """What may explain a difference of two windows, from their mean with a margin of one pixel,
+    (P, S, 14).
+    """
+    count, side = len(signal), signal.shape[1] - 2
+    offset = np.arange(side, dtype=np.float64) - side // 2
+    middle = signal[:, 1:-1, 1:-1]
+    left, right = signal[:, 1:-1, :-2], signal[:, 1:-1, 2:]
+    up, down = signal[:, :-2, 1:-1], signal[:, 2:, 1:-1]
+    twist = signal[:, :-2, :-2] - signal[:, :-2, 2:] - signal[:, 2:, :-2] + signal[:, 2:, 2:]
+    x, y = np.moveaxis(
+        Templates.of(
+            side, centre, np.full((count, 2), max(width, 0.3)), np.float64, free=True
+        ).profiles,
+        1,
+        0,
+    )
+    columns = [
+        np.ones_like(middle),
+        middle,
+        np.broadcast_to(offset, middle.shape),
+        np.broadcast_to(offset[:, None], middle.shape),
+        right - left,
+        down - up,
+        right - 2 * middle + left,
+        down - 2 * middle + up,
+        twist,
+        # the template, its slopes by place, and by the logarithm of the width
+        *(y[:, i, :, None] * x[:, j, None, :] for i, j in ((0, 0), (0, 1), (1, 0), (0, 2), (2, 0))),
+    ]
+    return np.stack(columns, axis=-1).reshape(count, side**2, len(columns))
+
+
+def _slope(found: list[_Pairs]) -> tuple[float, float, float]:
+    """Slope of the variance over the signal, over what a shift leaves, and the error of the first;
+    by regression with the weights of the last.
+    """
+    per_dn, left, error = 0.0, 0.0, np.inf
+    for k in range(_ROUNDS):
+        normal, moment, spread = np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2))
+        for pairs in found:
+            seen = _samples(pairs, per_dn, left, first=k == 0)
+            columns = np.stack([pairs.signal, pairs.shifted], axis=-1)
+            weighted = seen.weight[..., None] * columns
+            part = np.einsum("psi,psj->ij", weighted, columns)
+            normal += part
+            spread += pairs.shared * part
+            moment += np.einsum("psi,ps->i", weighted, seen.square - pairs.floor)
+        unit = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        inverse = np.linalg.pinv(normal / np.outer(unit, unit), hermitian=True)
+        inverse /= np.outer(unit, unit)
+        per_dn, left = (float(value) for value in inverse @ moment)
+        covariance = inverse @ spread @ inverse
+        # Kept only where it is sure: its slope is much like that of the signal.
+        if left < _SURE * np.sqrt(covariance[1, 1]):
+            per_dn, left = float(moment[0] / max(normal[0, 0], 1e-300)), 0.0
+            covariance = spread / max(normal[0, 0], 1e-300) ** 2
+        per_dn, error = max(per_dn, 0.0), float(np.sqrt(covariance[0, 0]))
+    return per_dn, left, error if error > 0 else np.inf
+
+
+def _curve(found: list[_Pairs], per_dn: float, left: float) -> Transfer:
+    """Mean variance over signal, in bins of as many pixels."""
+    signal, square = [], []
+    for pairs in found:
+        seen = _samples(pairs, per_dn, left, first=False)
+        signal.append(pairs.signal[seen.weight > 0])
+        square.append((seen.square - left * pairs.shifted)[seen.weight > 0])
+    along, variance = np.concatenate(signal), np.concatenate(square)
+    order = np.argsort(along)
+    bins = [part for part in np.array_split(order, _BINS) if len(part)]
+    mean = np.array([variance[part].mean() for part in bins])
+    return Transfer(
+        np.array([along[part].mean() for part in bins]),
+        mean,
+        np.array([np.sqrt(2.0 / len(part)) for part in bins]) * mean,
+        float(np.median(np.concatenate([pairs.floor.ravel() for pairs in found]))),
+        float(np.median(np.concatenate([pairs.level for pairs in found]))),
+    )
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Samples of the variance of each pixel, and their weights, (P, S)."""
+
+    square: Floats
+    weight: Floats
+
+
+def _samples(pairs: _Pairs, per_dn: float, left: float, *, first: bool) -> _Samples:
+    """Half the squares of what nothing explains of the differences, corrected for leverage.
+
+    In the first round the variance is hardly known yet: nothing is cut, all weigh alike.
+    """
+    variance = pairs.floor + np.maximum(per_dn * pairs.signal, 0.0) + left * pairs.shifted
+    variance = np.maximum(variance, 1e-30)
+    root = np.sqrt(variance)
+    columns = np.where(pairs.use[..., None], pairs.basis, 0.0) / root[..., None]
+    length = np.sqrt((columns**2).sum(axis=1, keepdims=True))
+    columns /= np.where(length > 0, length, 1.0)
+    values, vectors = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
+    kept = values > _ALIKE
+    across = columns @ (vectors * (kept / np.sqrt(np.where(kept, values, 1.0)))[:, None, :])
+    data = pairs.difference / root
+    rest = data - (across @ (across.swapaxes(1, 2) @ data[..., None]))[..., 0]
+    leverage = (across**2).sum(axis=2)
+    square = rest**2 / (2.0 * np.maximum(1.0 - leverage, 1e-6)) * variance
+    use = pairs.use & (leverage < _OWN)
+    if not first:
+        use &= square < _FAR * variance
+    weight = (1.0 - leverage) / (2.0 if first else 2.0 * variance**2)
+    return _Samples(square, np.where(use, weight, 0.0))
