@@ -5,6 +5,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 from losbench import __version__
+from losbench.resources import data_file
 from losbench.workbench.reproduction.reference import write_commands, write_reference
 
 HERE = Path(__file__).resolve().parent
@@ -50,6 +51,7 @@ _mathjax = distribution("sphinx-mathjax-offline").locate_file(
     f"sphinx-mathjax-offline/static/mathjax/{mathjax_path}"
 )
 shutil.copy(str(_mathjax), HERE / "_static" / mathjax_path)
+shutil.copy(data_file("pictures/explorer-centroid.png"), HERE / "_static" / "explorer.png")
 write_reference(HERE / "api")
 write_commands(HERE / "_made" / "commands.md")
 

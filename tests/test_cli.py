@@ -10,6 +10,7 @@ import pytest
 
 import losbench as lb
 from losbench.cli import main
+from losbench.resources import notebook_folder
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,14 @@ def test_simulate_then_measure(twin, tmp_path, capsys):
         pull = (table[f"{axis}_arcsec"] - truth[f"{axis}_arcsec"]) / table[f"sigma_{axis}_arcsec"]
         assert np.abs(pull).max() < 5
     assert json.loads((tmp_path / "out" / "report.json").read_text())["losbench"] == lb.__version__
+
+
+def test_the_notebooks_are_copied_to_work_in_and_nothing_is_overwritten(tmp_path, capsys):
+    assert main(["notebooks", str(tmp_path / "mine")]) == 0
+    assert "jupyter lab" in capsys.readouterr().out
+    names = {path.name for path in (tmp_path / "mine").iterdir()}
+    assert names == {path.name for path in notebook_folder().glob("[0-9]*.ipynb")}
+    assert main(["notebooks", str(tmp_path / "mine")]) == 2
 
 
 def test_quiet_says_nothing(twin, tmp_path, capsys):

@@ -128,7 +128,11 @@ def test_the_answer_to_a_question_is_where_it_is_said_to_be(question, shown, pat
 
 
 @pytest.mark.parametrize(
-    "name", ["README.md", "CONTRIBUTING.md", "RELEASING.md", "SECURITY.md", "environment.md"]
+    "name",
+    [
+        *("README.md", "README.zh-CN.md", "CONTRIBUTING.md", "RELEASING.md"),
+        *("SECURITY.md", "environment.md"),
+    ],
 )
 def test_links_to_files_lead_somewhere(name):
     for target in re.findall(

@@ -1,5 +1,5 @@
 """The command line: ``losbench reproduce | site | measure | simulate | drift | identify | metrics |
-budget | ledger | claim | exercises``.
+budget | ledger | claim | notebooks | exercises``.
 
 Exit codes: 0 done; 1 a notebook failed, or a verdict is not the accepted one; 2 wrong arguments or
 unusable input, said in one line; 130 interrupted; 141 whoever reads the output has gone. A defect
@@ -26,6 +26,7 @@ from losbench.cli import (
     ledger,
     measure,
     metrics,
+    notebooks,
     reproduce,
     simulate,
     site,
@@ -125,6 +126,7 @@ def parser() -> argparse.ArgumentParser:
         metrics,
         budget,
         ledger,
+        notebooks,
         exercises,
     ):
         command.add(commands, quiet)

@@ -20,9 +20,13 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from losbench.outputs import locked
+    from losbench.resources import build_folder
     from losbench.workbench.reproduction.site import build_site
 
-    first = build_site(out=options.out)
+    folder = Path(options.out or build_folder()).resolve()
+    with locked(folder):
+        first = build_site(out=folder)
     if not options.quiet:
         print(f"Open {first}")
     return 0

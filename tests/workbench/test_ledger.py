@@ -309,7 +309,7 @@ def test_parts_join_into_one_table_that_does_not_see_rounding_noise(claims):
     page = ledger_table(rows, {("03", ""): "notebooks/03-first.html"})
     assert "commas, and &lt;tags&gt;" in page
     assert page.count('<a href="notebooks/03-first.html">') == 5
-    assert '<td class="ours">0.100 ± 0.010</td>' in page
+    assert '<td class="ours" data-value="0.100">0.100 ± 0.010</td>' in page
 
 
 def test_a_claim_belongs_to_one_notebook(ledger):

@@ -101,12 +101,11 @@ def _execute(notebook: Any, name: str, *, cwd: Path, build: Path) -> tuple[str, 
     from nbclient.exceptions import CellControlSignal, CellExecutionError, DeadKernelError
 
     current: dict[str, Any] = {"id": "none", "index": -1, "mb": 0.0}
-    # Sockets in a temporary folder: no race for ports, nothing left behind, and a path short enough
-    # for a socket.
+    # Sockets in a temporary folder, where the system has such: no race for ports, nothing left
+    # behind, and a path short enough for a socket.
     with tempfile.TemporaryDirectory(prefix="losbench-") as sockets:
-        manager = AsyncKernelManager(
-            transport="ipc", ip=f"{sockets}/s", connection_file=f"{sockets}/kernel.json"
-        )
+        place = {"transport": "ipc", "ip": f"{sockets}/s"} if os.name == "posix" else {}
+        manager = AsyncKernelManager(connection_file=f"{sockets}/kernel.json", **place)
         client = NotebookClient(
             notebook,
             km=manager,

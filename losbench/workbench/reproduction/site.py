@@ -47,6 +47,7 @@ def build_site(*, out: str | Path | None = None, notebooks: str | Path | None = 
     if not can_build():
         raise ImportError("the site needs Sphinx, furo and myst-nb: pip install 'losbench[docs]'")
     build = Path(out or build_folder()).resolve()
+    build.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(
         prefix=".site-", dir=build, ignore_cleanup_errors=True
     ) as spare:
