@@ -1,15 +1,22 @@
 """Errors of an identification from either side: degrees of freedom by a dense likelihood, intervals,
 and what searches leave."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
+from scipy.optimize import curve_fit
 
 import losbench as lb
+from losbench.pointing.performance.budget import _parameter
 from losbench.pointing.thermal.correlated import Noise, _reml, _safe, fit_noise, generalised
 from losbench.pointing.thermal.lag import lagged
+from losbench.pointing.thermal.notes import notes_of
 from losbench.pointing.thermal.terms import Fourier, Lagged, Linear, Offset, Trend
-from losbench.units import arcsec_to_rad
+from losbench.pointing.told import sensitivity_to
+from losbench.units import arcsec_to_rad, rad_to_arcsec
 
 T = 60.0 * np.arange(300)
 ROOM = 2.0 * np.sin(2 * np.pi * T / 7000) + np.interp(T, [3e3, 9e3], [0.0, 4.0])
@@ -185,3 +192,98 @@ def test_a_sensor_that_is_not_in_the_model_may_change_a_sign():
     ):
         found = lb.identify(model, y, sensors, T, errors="white")
         assert any("first changes sign" in note for note in found.notes) == told, sensors.keys()
+
+
+def test_the_error_of_a_lag_is_that_of_a_nonlinear_fit():
+    """By scipy's curve_fit, in the logarithm of the lag."""
+    rng = np.random.default_rng(8)
+    y = arcsec_to_rad(lagged(ROOM, T, 600.0) + 0.02 * rng.standard_normal(300))
+    found = lb.identify(
+        Offset() + Lagged("room"), y, {"room": ROOM}, T, errors="white", solver=lb.LeastSquares()
+    )
+
+    def law(t, offset, gain, log_tau):
+        return offset + gain * lagged(ROOM, T, np.exp(log_tau))
+
+    best, cov = curve_fit(law, T, rad_to_arcsec(y), [0.0, 1.0, np.log(600.0)])
+    sigma = np.sqrt(np.diag(cov))
+    t95 = stats.t.ppf(0.975, found.dof[0])
+    assert found.tau_s[0] == pytest.approx(np.exp(best[2]), rel=1e-4)
+    half = np.log(found.tau_interval_s[0, 1] / found.tau_s[0])
+    assert half == pytest.approx(t95 * sigma[2], rel=0.01)
+    assert np.diff(found.interval[0])[0] / 2 == pytest.approx(t95 * sigma[1], rel=0.01)
+
+
+@pytest.mark.parametrize("law", ["as given", "all lags"])
+def test_the_states_of_lags_are_told_as_the_law_has_them(law):
+    states = ["identified", "weak", "no lag seen", "not identifiable"]
+    axis = SimpleNamespace(
+        law=law,
+        tau_state=states,
+        lack_of_fit=SimpleNamespace(rejects=False),
+        omitted=["a changes"],
+        vif=np.ones(2),
+        condition=1.0,
+        thinned=1,
+        rejected=np.zeros(9, dtype=bool),
+        alike=np.zeros(2, dtype=bool),
+    )
+    design = SimpleNamespace(
+        lags=[(k, f"T{k}") for k in range(4)], model=SimpleNamespace(labels=("a", "b"))
+    )
+    lines = notes_of([axis], design, series=True)
+    assert not any("T0" in line for line in lines)
+    (lost,) = (line for line in lines if "T3" in line)
+    assert ("neither is the sensitivity" in lost) == (law == "as given")
+    told = ["known weakly", "no lag behind T2"]
+    assert [any(word in line for line in lines) for word in told] == [True, True]
+
+
+# What a table owes to a temperature
+
+
+@pytest.mark.parametrize(
+    ("samples", "span", "fitted"),
+    [(10, 0.6, True), (9, 0.6, False), (40, 0.49, False), (40, 0.51, True)],
+)
+def test_ten_samples_over_half_a_degree_tell_a_sensitivity(samples, span, fitted):
+    celsius = 20.0 + span * np.linspace(0.0, 1.0, samples)
+    noise = 1e-3 * np.random.default_rng(9).standard_normal(samples)
+    frame = pd.DataFrame(
+        {
+            "time_s": np.full(samples, 5.0),
+            "temperature_degC": celsius,
+            "alpha_arcsec": 2.0 * celsius + noise,
+        }
+    )  # one time for all: no lag is fitted
+    found = sensitivity_to("temperature_degC", frame, {"alpha": "about X"})
+    assert (found is not None) == fitted
+    if fitted:
+        assert found.found.sensitivity[0, 0] == pytest.approx(2.0, abs=0.02)
+        assert found.lag_state == ["given"]
+        left = found.compensated(frame)["alpha_compensated_arcsec"]
+        assert left.std() == pytest.approx(noise.std(), rel=0.2)
+
+
+def test_samples_without_a_time_or_a_temperature_are_left_out():
+    celsius = 20.0 + np.linspace(0.0, 3.0, 60)
+    frame = pd.DataFrame(
+        {
+            "time_s": 10.0 * np.arange(60.0),
+            "temperature_degC": celsius,
+            "alpha_arcsec": 2.0 * celsius + 1e-3 * np.random.default_rng(10).standard_normal(60),
+        }
+    )
+    frame.loc[4, "time_s"] = frame.loc[9, "temperature_degC"] = np.nan
+    found = sensitivity_to("temperature_degC", frame, {"alpha": "about X"})
+    assert np.flatnonzero(~found.used).tolist() == [4, 9]
+    assert np.flatnonzero(np.isnan(found.predicted[:, 0])).tolist() == [4, 9]
+    assert found.shortest_lag_s == pytest.approx(0.2 * 10.0)
+
+
+@pytest.mark.parametrize("value", [[1.0, 2.0, 3.0], [[1.0, 2.0, 3.0]], [[[1.0, 2.0]]], 4.0])
+def test_a_law_of_two_numbers_takes_pairs(value):
+    with pytest.raises(
+        ValueError, match="gaussian must be a pair of numbers, or one pair per axis"
+    ):
+        _parameter("gaussian", value)
