@@ -258,17 +258,19 @@ def test_three_unreadable_frames_are_named_and_the_rest_counted(skipped):
     raised = np.zeros((20, 2), int)
     raised[:5, 0] = int(SpotFlag.RING | SpotFlag.EDGE)
     track = Track(xy, xy, raised, dict.fromkeys(range(skipped), "damaged"))
-    notes = notes_on_frames(track, lb.Detector())
+    known = SimpleNamespace(noise=lb.Detector(), doubts=("a doubt",))
+    notes = notes_on_frames(track, [known, known])
     if skipped:
         named = ", ".join(f"frame {k} (damaged)" for k in range(min(skipped, 3)))
         more = f", and {skipped - 3} more" if skipped > 3 else ""
         said = f"{skipped} of 20 frames are left out as unreadable: {named}{more}."
         assert notes.pop(0) == said
-    assert notes == [
+    assert notes[:2] == [
         "Spot 2 is lost in 4 of 20 frames.",
         "5 of 40 centroids carry the flag RING.",
     ]
-    assert len(notes_on_frames(track, None)) == len(notes) + 1 + (skipped > 0)
+    assert notes[2].startswith("Predicted errors rest on the detector: 1 e-/DN")
+    assert notes[3:] == ["a doubt"]
 
 
 def test_the_table_holds_each_number_under_its_name():
