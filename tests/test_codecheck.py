@@ -55,3 +55,21 @@ def test_nothing_is_a_placeholder():
     assert not re.search("FIXME|TODO|XXXX", TEXT)  # CC-CFG-023
     # What only a check can give is left out rather than made up.
     assert not {"codechecker", "certificate", "report"} & set(CONFIG)
+
+
+def test_the_citation_has_what_its_format_asks_for_and_refers_to_the_papers_by_doi():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors"} <= set(cited)  # its required keys
+    assert cited["cff-version"] == "1.2.0"
+    assert all("name" in author or "family-names" in author for author in cited["authors"])
+    dois = {each["doi"] for each in cited["references"]}
+    paper = CONFIG["paper"]
+    wanted = {paper["reference"], *paper["reference-other"]}
+    assert {f"https://doi.org/{doi}" for doi in dois} == wanted
+    for each in cited["references"]:
+        assert {"type", "title", "authors", "year", "journal"} <= set(each)
+    of_paper = next(e for e in cited["references"] if paper["reference"].endswith(e["doi"]))
+    assert [f"{a['given-names']} {a['family-names']}" for a in of_paper["authors"]] == [
+        author["name"] for author in paper["authors"]
+    ]
+    assert of_paper["title"] == paper["title"]

@@ -85,7 +85,7 @@ def test_two_runs_give_the_same_bytes_and_a_third_has_nothing_to_do(tmp_path, mo
     assert executed.cells[1].outputs[0].data["text/plain"] == "1"
     assert [cell.id for cell in executed.cells] == ["title", "cell-0"]
     assert "timing" not in json.dumps(executed.metadata)
-    assert result.summary().endswith(f"Written to {second}.")
+    assert result.summary().endswith(f"Written to {second}; losbench site makes pages of it.")
     with (first / "ledger.csv").open() as file:
         assert sum(row["verdict"] == "agrees" for row in csv.DictReader(file)) == 1
 

@@ -73,7 +73,8 @@ class Reproduction:
         last = [
             "",
             f"Claims: {verdicts}.",
-            f"Written to {self.out}" + (f"; open {self.site}" if self.site else "."),
+            f"Written to {self.out}"
+            + (f"; open {self.site}" if self.site else "; losbench site makes pages of it."),
         ]
         return "\n".join([*(line.rstrip() for line in lines), *last])
 
