@@ -61,6 +61,7 @@ DEJAVU = FontProperties(family="DejaVu Sans")
 EXPECTED_NOTES = (
     "with two spots per solve no outlier can be identified",
     "attitudes did not converge; their last iterate is kept",
+    "axes did not converge, see .converged",
 )
 
 
