@@ -15,7 +15,11 @@ from typing import Any, Self
 
 import numpy as np
 
-__all__ = ["Made", "Source", "plain", "versions"]
+from losbench.__about__ import __version__
+
+__all__ = ["SCHEMA_VERSION", "Made", "Source", "head_of", "plain", "versions"]
+
+SCHEMA_VERSION = 1  # of report.json, whose schema is report.schema.json
 
 _PACKAGES = (
     "losbench",
@@ -28,6 +32,16 @@ _PACKAGES = (
 )
 _LARGEST = 100_000_000  # bytes that are read to the last one
 _END = 1_000_000
+
+
+def head_of(kind: str, made: Made) -> dict[str, Any]:
+    """Return what every report.json begins with: its kind and version, and how it was made."""
+    return {
+        "losbench": __version__,
+        "kind": kind,
+        "version": SCHEMA_VERSION,
+        "made": made.to_dict(),
+    }
 
 
 @cache

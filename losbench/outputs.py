@@ -18,6 +18,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from losbench.made import plain
+
 __all__ = ["REPORT", "Claim", "claim", "into", "locked"]
 
 REPORT = "report.json"
@@ -82,7 +84,7 @@ class Claim:
         _check_free(self.folder, self.folder, self._sha256)
         listed = {"files": dict(sorted(self._sha256.items()))}
         with self._told(REPORT):
-            text = json.dumps({**report, **listed}, indent=1) + "\n"
+            text = json.dumps(plain({**report, **listed}), indent=1, allow_nan=False) + "\n"
             _write(self.draft / REPORT, text.encode())
             _sync(self.draft)
         old = _beside(self.folder, "old")

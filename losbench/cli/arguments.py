@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -72,6 +73,21 @@ def made_by(options: argparse.Namespace, inputs: Iterable[str | Path]) -> Made:
     return Made.by(shlex.join(["losbench", *options.given]), settings, inputs)
 
 
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option of `tell`."""
+    parser.add_argument(
+        "--json", action="store_true", help="print report.json, and all that is said to stderr"
+    )
+
+
+def tell(options: argparse.Namespace, text: str) -> None:
+    """Say what came of a command, or with ``--json`` print its report for a program to read."""
+    if options.json:
+        print((options.out / "report.json").read_text(encoding="utf-8"), end="")
+    if not options.quiet:
+        print(text, file=sys.stderr if options.json else sys.stdout)
+
+
 @contextmanager
 def publishing(
     options: argparse.Namespace, inputs: Iterable[str | Path], writes: Iterable[str]
@@ -79,7 +95,7 @@ def publishing(
     """Claim the folder ``--out``, if it is given, and yield what writes files to it and their
     report.
     """
-    from losbench.__about__ import __version__
+    from losbench.made import head_of
     from losbench.outputs import claim
 
     if options.out is None:
@@ -92,7 +108,7 @@ def publishing(
         def publish(files: Mapping[str, str]) -> None:
             for name, content in files.items():
                 results.write(name, content)
-            results.publish({"losbench": __version__, "made": made.to_dict()})
+            results.publish(head_of(options.command, made))
 
         yield publish
 

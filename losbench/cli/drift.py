@@ -7,7 +7,14 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from losbench.cli.arguments import Commands, add_dialect, dialect_options, made_by
+from losbench.cli.arguments import (
+    Commands,
+    add_dialect,
+    add_json,
+    dialect_options,
+    made_by,
+    tell,
+)
 
 if TYPE_CHECKING:
     from losbench.pointing.starcamera import QuaternionConvention
@@ -75,6 +82,7 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
         help="write CCSDS AEM files too: inertial frame, frames of the heads, object and its id",
     )
     add_dialect(parser)
+    add_json(parser)
     parser.set_defaults(run=_run)
 
 
@@ -100,8 +108,7 @@ def _run(options: argparse.Namespace) -> int:
         made=made_by(options, [*options.telemetry, described]),
         **dialect_options(options),
     )
-    if not options.quiet:
-        print(report.summary())
+    tell(options, report.summary())
     return 0
 
 

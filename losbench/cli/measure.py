@@ -5,7 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from losbench.cli.arguments import Commands, add_dialect, dialect_options, made_by, pairs
+from losbench.cli.arguments import (
+    Commands,
+    add_dialect,
+    add_json,
+    dialect_options,
+    made_by,
+    pairs,
+    tell,
+)
 from losbench.cli.choices import (
     add_choices,
     angles_of,
@@ -91,6 +99,7 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
     add_choices(parser)
     add_workers(parser)
     add_dialect(parser)
+    add_json(parser)
     parser.set_defaults(run=_run)
 
 
@@ -154,6 +163,5 @@ def _run(options: argparse.Namespace) -> int:
             made=made,
             window_s=options.window_s,
         )
-        if not options.quiet:
-            print("\n".join(lines))
+        tell(options, "\n".join(lines))
     return 0

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from losbench.__about__ import __version__
-from losbench.made import Made
+from losbench.made import Made, head_of
 from losbench.outputs import Claim, into
 from losbench.page import Answer, Picture, page, replies_to_dict
 from losbench.pointing.performance import PointingMetrics
@@ -20,7 +19,7 @@ from losbench.recording import pictures
 from losbench.recording.measurement import Measurement
 from losbench.recording.performance import metrics_of
 from losbench.recording.readers import Recording
-from losbench.recording.sections import CHAPTERS, Told, answers
+from losbench.recording.sections import CHAPTERS, Told, answers, numbers
 from losbench.recording.sensitivity import ABOUT, sensitivity_of, temperature_columns
 
 __all__ = ["WRITTEN", "write_report"]
@@ -102,8 +101,9 @@ def write_report(
             files["metrics.csv"] = table_of(metrics.table(), ABOUT)
         files |= {f"{each}.png": picture.png() for each, picture in drawn.items()}
     report = {
-        "losbench": __version__,
+        **head_of("measurement", told.made),
         "source": name,
+        "frames": len(table),
         "answers": replies_to_dict(replies),
         "reference_px": measurement.reference_px.round(4).tolist(),
         "notes": list(measurement.notes),
@@ -112,7 +112,7 @@ def write_report(
         "sensitivity": None if fit is None else fit.numbers(),
         "sensitivity_notes": [] if fit is None else fit.notes(),
         "pointing": None if metrics is None else metric_numbers(metrics, ABOUT),
-        "made": told.made.to_dict(),
+        **numbers(told),
     }
     with into(folder, WRITTEN) as results:
         for file, content in files.items():

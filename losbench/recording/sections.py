@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from losbench.recording.readers import Recording
 from losbench.recording.sensitivity import ABOUT, AXES, temperature_columns
 from losbench.units import rad_to_arcsec
 
-__all__ = ["CHAPTERS", "Told", "answers"]
+__all__ = ["CHAPTERS", "Told", "answers", "numbers"]
 
 _WORKED, _BELIEF, _NUMBER, _CHANGE, _ = QUESTIONS
 _MARKED = 0.01  # share of centroids with a flag that is worth a word on top
@@ -152,18 +153,64 @@ def _changes(told: Told) -> list[str]:
     return lines
 
 
-def spots(told: Told) -> str:
-    """Where each spot is, how often it was seen and how often it carries a flag."""
+def numbers(told: Told) -> dict[str, list[dict[str, Any]]]:
+    """Return what the page's tables of spots, angles and temperatures hold, as report.json has
+    it.
+    """
+    frame, attitude = told.measurement.table, told.measurement.attitude
     seen = np.logical_and.reduce(np.isfinite(told.measurement.xy_px), axis=2)
     marked = np.count_nonzero(told.measurement.flags, axis=0)
+    spots = [
+        {
+            "spot": n + 1,
+            "reference_x_px": x,
+            "reference_y_px": y,
+            "frames_measured": int(seen[:, n].sum()),
+            "frames_flagged": int(marked[n]),
+        }
+        for n, (x, y) in enumerate(told.measurement.reference_px.round(4).tolist())
+    ]
+    angles = []
+    if attitude is not None:
+        arcsec = rad_to_arcsec(attitude.angles)
+        sigma = rad_to_arcsec(np.sqrt(np.diagonal(attitude.cov, axis1=-2, axis2=-1)))
+        angles = [
+            {
+                "axis": name,
+                "rms_about_mean_arcsec": float(np.nanstd(arcsec[:, i])),
+                "peak_to_valley_arcsec": float(np.ptp(_known(arcsec)[:, i])),
+                "one_sigma_of_a_frame_arcsec": float(np.nanmedian(sigma[:, i])),
+            }
+            for i, name in enumerate(AXES.values())
+        ]
+    temperatures = [
+        {
+            "sensor": name.removesuffix("_degC"),
+            "lowest_degC": float(frame[name].min()),
+            "highest_degC": float(frame[name].max()),
+            "frames_with_a_reading": int(frame[name].notna().sum()),
+        }
+        for name in temperature_columns(frame)
+    ]
+    return {"spots": spots, "angles": angles, "temperatures": temperatures}
+
+
+def spots(told: Told) -> str:
+    """Where each spot is, how often it was seen and how often it carries a flag."""
     rows = [
-        [n + 1, f"{x:.3f}", f"{y:.3f}", int(seen[:, n].sum()), int(marked[n])]
-        for n, (x, y) in enumerate(told.measurement.reference_px.tolist())
+        [
+            each["spot"],
+            f"{each['reference_x_px']:.3f}",
+            f"{each['reference_y_px']:.3f}",
+            each["frames_measured"],
+            each["frames_flagged"],
+        ]
+        for each in numbers(told)["spots"]
     ]
     heads = ["spot", "reference x (px)", "reference y (px)", "frames measured", "frames flagged"]
     return section(
         "Spots",
-        table(heads, rows, caption=f"Spots, in {len(seen)} frames"),
+        table(heads, rows, caption=f"Spots, in {len(told.measurement.table)} frames"),
         _drawn(told, "frame"),
     )
 
@@ -216,26 +263,13 @@ def metrics(told: Told) -> str:
 
 def angles(told: Told) -> str:
     """The angles' size and error."""
-    attitude = told.measurement.attitude
-    if attitude is None:
-        return ""
-    arcsec = rad_to_arcsec(attitude.angles)
-    sigma = rad_to_arcsec(np.sqrt(np.diagonal(attitude.cov, axis1=-2, axis2=-1)))
-    rows = [
-        [
-            name,
-            float(np.nanstd(arcsec[:, i])),
-            float(np.ptp(_known(arcsec)[:, i])),
-            float(np.nanmedian(sigma[:, i])),
-        ]
-        for i, name in enumerate(AXES.values())
-    ]
     heads = [
         "axis",
         "rms about the mean (arcsec)",
         "peak to valley (arcsec)",
         "one-sigma error of a frame (arcsec)",
     ]
+    rows = [list(each.values()) for each in numbers(told)["angles"]]
     return section("Angles", table(heads, rows, caption="Angles"), _drawn(told, "angles"))
 
 
@@ -246,17 +280,8 @@ def shifts(told: Told) -> str:
 
 def temperatures(told: Told) -> str:
     """What the sensors said."""
-    frame = told.measurement.table
-    rows = [
-        [
-            name.removesuffix("_degC"),
-            float(frame[name].min()),
-            float(frame[name].max()),
-            int(frame[name].notna().sum()),
-        ]
-        for name in temperature_columns(frame)
-    ]
     heads = ["sensor", "lowest (degC)", "highest (degC)", "frames with a reading"]
+    rows = [list(each.values()) for each in numbers(told)["temperatures"]]
     return section(
         "Temperatures",
         table(heads, rows, caption="Temperatures at the frames"),

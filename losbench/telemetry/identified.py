@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from losbench.__about__ import __version__
-from losbench.made import Made
+from losbench.made import Made, head_of
 from losbench.outputs import Claim, into
 from losbench.pointing.thermal import Identification, cross_validate, identify
 from losbench.pointing.thermal.terms import Adds
@@ -90,7 +89,7 @@ def write_identification(
     with into(folder, WRITTEN) as results:
         for name, content in files.items():
             results.write(name, content)
-        results.publish({"losbench": __version__, "made": (made or Made()).to_dict()})
+        results.publish(head_of("identification", made or Made()))
     return [*lines, f"Written to {results.folder}: {', '.join([*files, 'report.json'])}"]
 
 

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.__about__ import __version__
 from losbench.arrays import Floats
-from losbench.made import Made
+from losbench.made import Made, head_of
 from losbench.outputs import Claim
 from losbench.page import Picture, page, replies_to_dict
 from losbench.pointing.performance import PointingMetrics
@@ -145,11 +144,9 @@ def write_pairs(report: PairReport, results: Claim, *, made: Made) -> None:
             results.write(f"{name}.png", picture.png())
     results.publish(
         {
-            "losbench": __version__,
+            **head_of("telemetry", made),
             "answers": replies_to_dict(replies),
             "pairs": [_numbers(each) for each in pairs],
-            "notes": list(report.notes),
-            "made": made.to_dict(),
         }
     )
 
