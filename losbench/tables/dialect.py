@@ -46,6 +46,8 @@ class Dialect:
         For times that carry no offset of their own.
     sentinel : float or tuple of float
         Numbers that stand for a missing reading.
+    header : bool
+        False for a file whose columns have no names: they are "1", "2" and so on.
     unit : mapping
         Column to unit, where the file does not tell: ``{"T1": "degC"}``.
     """
@@ -56,6 +58,7 @@ class Dialect:
     date_order: str | None = None
     utc_offset: float | str | None = None
     sentinel: float | tuple[float, ...] = ()
+    header: bool = True
     unit: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, dropwhile, islice
 from pathlib import Path
 from typing import BinaryIO
@@ -21,6 +21,8 @@ __all__ = ["Layout", "find_layout", "rows"]
 _PREVIEW = 200
 _BLOCK = 1 << 20
 _LONGEST_NAME = 100
+_LONGEST_DESCRIPTION = 5000
+_YAML_BEGINS, _YAML_ENDS = "header:", "# End of YAML header"
 _LONGEST_LINE = 1 << 17  # csv's own limit of a field
 _BOMS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -46,6 +48,8 @@ class Layout:
         What each column holds, letters as of `kind`.
     first_line : int
         Number of the last line above the data.
+    skipped : int
+        Lines at the top that are no table, but a description in YAML.
     notes : tuple of str
     """
 
@@ -56,6 +60,7 @@ class Layout:
     kinds: str
     first_line: int
     notes: tuple[str, ...]
+    skipped: int = 0
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,8 @@ class _Line:
 def find_layout(file: Path, dialect: Dialect) -> Layout:
     """Find out how a file is laid out; ``ValueError`` if it has no header or no data."""
     encoding = _encoding(file, dialect.encoding)
-    texts = _preview(file, encoding)
+    skipped = _described(file, encoding)
+    texts = _preview(file, encoding, skipped)
     if not any(text.strip() for text in texts):
         raise ValueError(f"{file.name} must be a CSV file with a header line, but is empty")
     delimiter = dialect.delimiter or _delimiter(texts)
@@ -84,6 +90,8 @@ def find_layout(file: Path, dialect: Dialect) -> Layout:
         _Line(number, cells, "".join(map(kind, cells)))
         for number, cells in _split(texts, delimiter, file.name)
     ]
+    if skipped and delimiter == "," and all(len(line.cells) == 1 for line in lines):
+        return find_layout(file, replace(dialect, delimiter=" "))
     data = [line for line in lines if line.is_data]
     if not data:
         raise ValueError(
@@ -93,6 +101,10 @@ def find_layout(file: Path, dialect: Dialect) -> Layout:
     kinds = _kinds(data[-3:])
     first = next((line for line in data if _fits(line, kinds)), data[0])
     above = [line for line in lines if line.number < first.number]
+    if not dialect.header:
+        numbered = tuple(str(k + 1) for k in range(len(first.cells)))
+        last = first.number - 1
+        return Layout(encoding, delimiter, numbered, (), kinds, last + skipped, (), skipped)
     words = [line for line in above if line.is_words]
     below: list[_Line] = []
     while len(words) > 1 and is_unit_row(words[-1].cells):
@@ -114,19 +126,34 @@ def find_layout(file: Path, dialect: Dialect) -> Layout:
     units = tuple(cell.strip() for cell in below[0].cells) if below else ()
     end = max([header, *below], key=lambda line: line.number).number
     notes = [f"{file.name}: {len(left)} lines above the header are left out."] * bool(left)
-    return Layout(encoding, delimiter, tuple(names), units, kinds, end, tuple(notes))
+    return Layout(
+        encoding, delimiter, tuple(names), units, kinds, end + skipped, tuple(notes), skipped
+    )
 
 
 def rows(file: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of its last line and the cells of every row below the header."""
     with open(file, encoding=layout.encoding, newline="") as stream:
-        every = _split(stream, layout.delimiter, file.name)
-        yield from dropwhile(lambda row: row[0] <= layout.first_line, every)
+        every = _split(islice(stream, layout.skipped, None), layout.delimiter, file.name)
+        numbered = ((number + layout.skipped, cells) for number, cells in every)
+        yield from dropwhile(lambda row: row[0] <= layout.first_line, numbered)
 
 
-def _preview(file: Path, encoding: str) -> list[str]:
-    """The first lines of a file, their ends included."""
+def _described(file: Path, encoding: str) -> int:
+    """How many lines at the top describe the data in YAML, as those of GRACE-FO do."""
     with open(file, encoding=encoding, newline="") as stream:
+        if not stream.readline(_LONGEST_LINE).startswith(_YAML_BEGINS):
+            return 0
+        for number, text in enumerate(islice(stream, _LONGEST_DESCRIPTION), 2):
+            if text.startswith(_YAML_ENDS):
+                return number
+    return 0
+
+
+def _preview(file: Path, encoding: str, skipped: int) -> list[str]:
+    """The first lines of a file below its description, their ends included."""
+    with open(file, encoding=encoding, newline="") as stream:
+        deque(islice(stream, skipped), maxlen=0)
         texts = list(islice(iter(lambda: stream.readline(_LONGEST_LINE), ""), _PREVIEW))
     long = next((k for k, text in enumerate(texts, 1) if len(text) == _LONGEST_LINE), None)
     if long is not None:

@@ -34,14 +34,20 @@ class HeadColumns:
         Where the spots are without drift; by default their mean over the first track.
     installation : (3, 3)
         Rotation from the axes of the spots to those of the attitude.
+    rows : (column name, number), optional
+        Where a table has a row for each head in turn: which column tells them, and what it holds
+        in this head's.
     """
 
     quaternion: tuple[str, ...]
     spots: tuple[tuple[str, str], ...] = ()
     reference: tuple[tuple[float, float], ...] = ()
     installation: tuple[tuple[float, ...], ...] = _IDENTITY
+    rows: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.rows and not (len(self.rows) == 2 and isinstance(self.rows[0], str)):
+            raise ValueError("rows must be a column and the number that it holds in this head's")
         if len(self.quaternion) != 4:
             raise ValueError(f"quaternion must name four columns, got {len(self.quaternion)}")
         if len(self.spots) == 1 or any(len(pair) != 2 for pair in self.spots):
@@ -52,20 +58,23 @@ class HeadColumns:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of all its columns."""
-        return (*self.quaternion, *(x for xy in self.spots for x in xy))
+        return (*self.quaternion, *(x for xy in self.spots for x in xy), *self.rows[:1])
 
 
 @dataclass(frozen=True, kw_only=True)
 class TelemetryFormat:
     """What the columns of the telemetry of two heads or more mean.
 
-    Heads whose quaternions have the same names stand in a file each.
+    Heads whose quaternions have the same names stand in a file each, or in rows of their own.
+    Columns of a table without a header are named by their number, from 1.
 
     Parameters
     ----------
     time : one or two column names
         Seconds, or ISO 8601 UTC. Two where each head has its own clock: the second head is
         interpolated.
+    time_fraction : (column name, seconds), optional
+        A column to be added to seconds, and what one of it is: ``["frac_us", 1e-6]``.
     scalar, direction : str, optional
         As for `QuaternionConvention`; without them what the telemetry speaks for is proposed, and
         nothing is read.
@@ -91,6 +100,7 @@ class TelemetryFormat:
     """
 
     time: str | tuple[str, ...]
+    time_fraction: tuple[Any, ...] | None = None
     scalar: Any = None
     direction: Any = None
     design_angle_deg: float | None = None
@@ -128,7 +138,10 @@ class TelemetryFormat:
             raise ValueError(
                 f"boresight must be a direction of three numbers, got {self.boresight}"
             )
-        if self.a_file_each:
+        rows = [tuple(head.rows) for head in self.heads]
+        if any(rows) and len(set(rows)) < len(rows):
+            raise ValueError("all heads must have rows of their own, or none")
+        if self.a_file_each or any(rows):
             return
         twice = [name for name, count in Counter(self.columns).items() if count > 1]
         if twice:
@@ -150,13 +163,20 @@ class TelemetryFormat:
     @property
     def a_file_each(self) -> bool:
         """Whether the heads have the same names, so that each stands in a file of its own."""
-        return all(head.quaternion == self.head_1.quaternion for head in self.heads)
+        same = all(head.quaternion == self.head_1.quaternion for head in self.heads)
+        return same and not self.head_1.rows
+
+    @property
+    def numbered(self) -> bool:
+        """Whether columns are named by their number, as in a table without a header."""
+        return all(name.isdigit() for name in self.columns)
 
     @property
     def columns(self) -> list[str]:
         """Names of all columns: clocks, quaternion and spots of each head, temperatures."""
         return [
             *self.clocks,
+            *(self.time_fraction or ())[:1],
             *(c for head in self.heads for c in head.columns),
             *self.temperatures,
         ]
@@ -182,7 +202,7 @@ class TelemetryFormat:
         """Read a format; ``ValueError`` names the file and the key that is missing, unknown or
         wrong.
         """
-        table = read_toml(path)
+        table = _named(read_toml(path))
         for head in _HEADS:
             if head in _HEADS[2:] and head not in table:
                 continue
@@ -203,6 +223,17 @@ class TelemetryFormat:
             )
             + "\n"
         )
+
+
+def _named(table: Any, key: str = "") -> Any:
+    """Columns that are given by number, by its text; numbers of other keys as they are."""
+    if isinstance(table, dict):
+        return {name: _named(value, name) for name, value in table.items()}
+    if key in ("rows", "time_fraction") and isinstance(table, list):
+        return [str(each) if k == 0 else each for k, each in enumerate(table)]
+    if key in ("time", "quaternion", "spots", "temperatures"):
+        return [_named(each, key) for each in table] if isinstance(table, list) else str(table)
+    return table
 
 
 def _toml(value: Any) -> str:

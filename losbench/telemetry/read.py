@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from losbench.arrays import Floats, Ints
+from losbench.arrays import Bools, Floats, Ints
 from losbench.checks import unit_quaternions
 from losbench.logs import FrameTimes, utc_of
 from losbench.page import Doubt
@@ -104,6 +105,8 @@ def read_pairs(
     if wanted[-1] > len(form.heads):
         raise ValueError(f"heads must be among the {len(form.heads)} described, got {wanted[-1]}")
     of_head = {head: files[head - 1] if len(files) > 1 else files[0] for head in wanted}
+    if form.numbered:
+        dialect = replace(dialect or Dialect(), header=False)
     tables = {file: read_table(file, dialect) for file in dict.fromkeys(of_head.values())}
     sources = {head: _source(tables[of_head[head]], head, form, len(files)) for head in wanted}
     first = tables[of_head[pairs[0][0]]]
@@ -150,7 +153,7 @@ def _pair(one: _Source, other: _Source, form: TelemetryFormat) -> Telemetry:
         installation=np.stack([np.array(form.heads[k - 1].installation) for k in heads]),
         boresight=form.boresight,
     )
-    timed = np.isfinite(times[0])
+    timed = np.isfinite(times[0]) & one.own
     # Temperatures keep the clock of the file they stand in, which is that of the pair's first head.
     there = [column for column in form.temperatures if column in one.table.names]
     sensors = {column: one.table.numbers(column)[timed] for column in there}
@@ -185,17 +188,28 @@ class _Source:
     number: int
     clock_name: str
     clock: FrameTimes
+    own: Bools
 
 
 def _source(table: Table, head: int, form: TelemetryFormat, n_files: int) -> _Source:
     columns, clock = form.heads[head - 1], form.clocks[min(head, len(form.clocks)) - 1]
-    wanted = form.columns if n_files == 1 else [clock, *columns.columns]
+    fraction = (form.time_fraction or ())[:1]
+    wanted = form.columns if n_files == 1 else [clock, *fraction, *columns.columns]
     missing = [column for column in wanted if column not in table.names]
     if missing:
         raise ValueError(
             f"{table.file} has no column {', '.join(missing)}; it has {table.listed()}"
         )
-    return _Source(table, columns, head, clock, _clock(table, clock))
+    moments, own = _clock(table, clock, form.time_fraction), np.ones(len(table), bool)
+    if columns.rows:
+        column, number = columns.rows
+        own = table.numbers(column) == number
+        if not own.any():
+            raise ValueError(
+                f"{table.file}: column {column!r} never holds {number:g}, which tells the rows of "
+                f"head {head}"
+            )
+    return _Source(table, columns, head, clock, moments, own)
 
 
 @dataclass(frozen=True)
@@ -218,9 +232,9 @@ def _head(source: _Source, time_s: Floats, form: TelemetryFormat, notes: list[st
     quaternions = _columns(table, columns.quaternion)
     quaternions = np.where(np.isfinite(quaternions).all(axis=1, keepdims=True), quaternions, np.nan)
     spots = _columns(table, [c for xy in columns.spots for c in xy])
-    timed = np.isfinite(time_s)
+    timed = np.isfinite(time_s) & source.own
     lost = np.count_nonzero(
-        ~timed & np.isfinite(np.concatenate([quaternions, spots], axis=1)).any(axis=1)
+        ~timed & source.own & np.isfinite(np.concatenate([quaternions, spots], axis=1)).any(axis=1)
     )
     if lost:
         notes.append(f"{lost} of {len(table)} rows have no {source.clock_name} and are left out.")
@@ -280,10 +294,13 @@ def _near(
     return kept, np.array(given) if given else np.nanmean(kept[first_track], axis=0)
 
 
-def _clock(table: Table, column: str) -> FrameTimes:
-    return (
-        FrameTimes(table.numbers(column)) if table.holds(column) == "n" else utc_of(table, column)
-    )
+def _clock(table: Table, column: str, fraction: tuple[Any, ...] | None) -> FrameTimes:
+    if table.holds(column) != "n":
+        return utc_of(table, column)
+    seconds = table.numbers(column)
+    if fraction is not None:
+        seconds = seconds + table.numbers(fraction[0]) * fraction[1]
+    return FrameTimes(seconds)
 
 
 def _columns(table: Table, names: Sequence[str]) -> Floats:
