@@ -110,6 +110,10 @@ def built(tmp_path_factory):
     (build / "notebooks").mkdir(parents=True)
     drawn = json.dumps(shown({"image/png": PNG}))
     (build / "notebooks" / f"{FIRST}.ipynb").write_text(drawn, encoding="utf-8")
+    report = (
+        "<!doctype html><html><title>t</title><style>p{}</style><h1>B</h1><table><tr><td>MISSED"
+    )
+    (build / "benchmarks.html").write_text(report, encoding="utf-8")
     return build_site(out=build)
 
 
@@ -133,6 +137,13 @@ def test_a_site_is_built_without_a_warning_and_every_link_leads_somewhere(built)
         assert image["alt"] == "Figure: Fig. 1"
     page, _, anchor = cell_anchors(built.parents[1])["01", cell_digest("draw(0)")].partition("#")
     assert f'id="{anchor}"' in (built.parent / page).read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_what_the_benches_found_is_taken_in(built):
+    page = BeautifulSoup((built.parent / "benchmarks.html").read_text("utf-8"), "html.parser")
+    assert page.select_one(".made td").text.strip() == "MISSED"
+    assert len(page.select("h1")) == 1
 
 
 @pytest.mark.slow
