@@ -33,6 +33,7 @@ def measured(
     """
     expected = survey.predicted(first, last)
     bands = Bands.around(expected, survey.method.window, background.side, stamp.shape[0])
+    places = bands.within(expected)
     read = stamp.read(first, last, skip=recording.skip_unreadable, spans=bands.spans)
     frames, good = read.frames, read.good
     if not good.any():
@@ -44,7 +45,7 @@ def measured(
         detector=survey.noise,
         full_scale_dn=recording.full_scale_dn,
     )
-    seen = see(frames, bands.within(expected))
+    seen = see(frames, places)
     track = _track(seen, good)
     track = replace(track, xy=bands.outside(track.xy))
     # Spots that wander out of reach within a block are followed frame by frame.

@@ -9,6 +9,7 @@ from losbench.estimation.breakdown import deletion_residuals
 from losbench.estimation.highbreakdown.search import Units, least, least_places
 from losbench.estimation.memory import variance_sampling
 from losbench.estimation.robust.problem import read_problem
+from losbench.estimation.streams import Summary, _edges, _histogram
 
 
 @pytest.mark.parametrize("leverage", [0.5, 0.99, 0.9998, 0.99995, 1.0])
@@ -188,3 +189,57 @@ def test_deletion_residuals_are_those_without_the_row():
         ahead = design[k] @ fit.cov @ design[k]
         error = np.sqrt(fit.scale**2 + ahead)
         assert found[k] == pytest.approx((y[k] - design[k] @ fit.x) / error, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_an_unknown_that_only_a_doubted_row_fixes_is_open_and_the_others_are_not(scale):
+    """The third is seen by the first row alone, which is doubted with the second."""
+    rng = np.random.default_rng(10)
+    design = np.column_stack([np.ones(14), rng.standard_normal(14), np.eye(14)[0]]) * scale
+    y = design @ [1.0, 2.0, 3.0] + 1e-3 * scale * rng.standard_normal(14)
+    y[1] += 1e3 * scale
+    fit = lb.irls(
+        design,
+        y,
+        loss=lb.Bisquare(),
+        scale=1e-3 * scale,
+        group=[0, 0, *range(1, 13)],
+        x0=np.array([1.0, 2.0, 3.0]),
+        on_fail="ignore",
+    )
+    assert not fit.weights[:2].any()
+    assert np.isfinite(fit.std_error[:2]).all() and np.isnan(fit.std_error[2])
+    rest = lb.lstsq(design[2:, :2], y[2:], scale=1e-3 * scale)
+    np.testing.assert_allclose(fit.x[:2], rest.x, rtol=1e-3)
+
+
+def test_bins_of_a_summary_hold_what_lies_between_their_ends():
+    rng = np.random.default_rng(11)
+    z = np.concatenate(
+        [
+            rng.normal(0.0, 3.0, 4000),
+            10.0 ** rng.uniform(0, 4, 900),
+            -(10.0 ** rng.uniform(0, 4, 900)),
+        ]
+    ).astype(np.float32)
+    edges = _edges()
+    assert (np.diff(edges) > 0).all()
+    inside = z[(np.abs(z) < edges[-1]) & ~np.isin(z, edges)].astype(np.float64)
+    (counts,) = _histogram(inside[None])
+    np.testing.assert_array_equal(counts, np.histogram(inside, edges)[0])
+    (ends,) = _histogram(np.array([[-1e30, 1e30]]))
+    assert ends[0] == ends[-1] == 1 and ends.sum() == 2
+
+
+def test_a_summary_counts_what_it_left_out_and_finds_quantiles():
+    values = np.random.default_rng(12).standard_normal((2, 20_000))
+    values[0, 5], values[1, 9] = np.nan, np.inf
+    few = Summary.of(values)
+    whole = values[:, np.isfinite(values).all(axis=0)]
+    assert (few.n, few.left_out, few.unconverged) == (19_998, 2, 0)
+    assert Summary.of(values, 7).unconverged == 7
+    wanted = [0.0, 0.01, 0.5, 0.9, 1.0]
+    np.testing.assert_allclose(
+        few.quantiles(wanted), np.quantile(whole, wanted, axis=1).T, atol=0.02
+    )
+    np.testing.assert_array_equal(few.quantiles([0.0, 1.0])[:, 0], whole.min(axis=1))

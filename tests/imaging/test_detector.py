@@ -138,3 +138,10 @@ def test_randomness_must_be_named(rng):
 def test_more_electrons_than_can_be_counted_are_refused():
     with pytest.raises(ValueError, match=r"electrons must be at most 1e\+18 a pixel, got 1e\+30"):
         lb.Detector().expose(np.full((3, 3), 1e30), 1)
+
+
+@pytest.mark.parametrize("full_well_e", [2000.0, 2001.0, 2001.9])
+def test_no_reading_exceeds_the_last_whole_number_of_the_full_scale(full_well_e):
+    detector = lb.Detector(gain_e_per_dn=2.0, read_noise_e=30.0, full_well_e=full_well_e)
+    frame = detector.expose(np.full((40, 40), 5000.0), 1)
+    assert frame.max() == int(full_well_e // 2)

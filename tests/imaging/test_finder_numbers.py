@@ -12,11 +12,12 @@ from losbench.imaging.engine import Engine
 from losbench.imaging.finder import _around, _beside
 from losbench.imaging.flags import _leaks, saturated
 from losbench.imaging.levels import _least_noise
-from losbench.imaging.noise import step_of
+from losbench.imaging.noise import PixelNoise, step_of
 from losbench.imaging.places import peak_pixels
+from losbench.imaging.protocols import Windows
 from losbench.imaging.ranks import digit_step, level_and_noise, medians
 from losbench.imaging.sizes import default_window, spot_sigma, window_in_first
-from losbench.imaging.window import look, spread
+from losbench.imaging.window import WindowFit, look, spread, window_estimate
 
 SHAPE = (60, 80)
 
@@ -184,6 +185,34 @@ def test_the_spread_of_a_window_is_that_of_its_pixels(per_dn):
         assert total[k] == pytest.approx(variance.sum())
         expected = [(variance * arm**2).sum() for arm in arms]
         np.testing.assert_allclose(moment[k], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_errors_of_a_window_are_sums_over_its_pixels(moved):
+    """Those of the background plane: of its level for the light, of its slopes for the place."""
+    side, pixels = 7, np.full((1, 9, 9), 10.0)
+    plane = np.array([[0.04, 0.0009, 0.0025]])
+    windows = Windows(
+        signal=pixels,
+        side=side,
+        start=np.zeros((1, 2)),
+        middle=np.zeros((1, 2), np.intp),
+        noise=PixelNoise(np.array([2.0]), 0.5, plane),
+        width=np.full((1, 2), np.nan),
+    )
+    seen = look(pixels, np.zeros((1, 2)), side)
+    left = np.array([[0.01, 0.02]])
+    fit = WindowFit(np.zeros((1, 2)), left, np.array([3]), np.array([True]), seen)
+    found = window_estimate(windows, fit, moved=moved)
+    y, x = np.mgrid[-3:4, -3:4]
+    each = 2.0 + 0.5 * 10.0
+    light = 49 * each + 49**2 * 0.04
+    assert found.sigma_flux[0] == pytest.approx(np.sqrt(light))
+    gain = 1.0 / max(1.0 - seen.contraction[0, 0], 0.15) if moved else 1.0
+    for axis, arm in enumerate((x, y)):
+        moment = each * (arm**2).sum() + (arm**2).sum() ** 2 * plane[0, 1 + axis]
+        error = np.sqrt(moment * (gain / 490.0) ** 2 + left[0, axis] ** 2)
+        assert found.sigma[0, axis] == pytest.approx(error, rel=1e-9)
 
 
 # What holds for every spot of a call

@@ -1,7 +1,6 @@
 """Explorers: sliders over a picture that follows them, one call each, for notebooks."""
 
 from losbench.workbench.explorers.centroid import CentroidExplorer
-from losbench.workbench.explorers.identify import IdentifyExplorer
 from losbench.workbench.explorers.inertial import InertialExplorer
 from losbench.workbench.explorers.irls import IRLSExplorer
 from losbench.workbench.explorers.montecarlo import MonteCarloExplorer
@@ -12,7 +11,6 @@ from losbench.workbench.explorers.thermoelastic import ThermoelasticExplorer
 __all__ = [
     "CentroidExplorer",
     "IRLSExplorer",
-    "IdentifyExplorer",
     "InertialExplorer",
     "MonteCarloExplorer",
     "StarCameraExplorer",
