@@ -64,7 +64,7 @@ def write_identification(
         columns[f"{stem}_rejected"] = found.rejected[:, i].astype(float)
     lines = [
         *series.notes,
-        table.round(5).to_string(index=False),
+        *([] if table.empty else [table.round(5).to_string(index=False)]),
         *_lags(found, series),
         *found.notes,
     ]
@@ -82,6 +82,8 @@ def write_identification(
         files["folds.csv"] = by_fold.to_csv(lineterminator="\n", float_format="%.6g")
         lines += ["Sigma about zero of folds left out, and of baselines, arcsec:"]
         lines += by_fold.round(4).to_string().splitlines()
+        if judged.not_predictable:
+            lines.append(f"Not predictable: {', '.join(judged.not_predictable)}")
     with styled():
         files["angles.png"] = png(_picture(series, predicted))
     files["report.txt"] = "\n".join(lines) + "\n"

@@ -342,6 +342,11 @@ NOISY = Y + arcsec_to_rad(0.1 * np.random.default_rng(20).standard_normal(800))
             "T1 lagged, T2 lagged",
         ),
         (
+            Offset() + Linear("T1") + Lagged("T1", tau_s="spectrum"),
+            {"T1": ONE},
+            "T1, T1 lagged",
+        ),
+        (
             Offset() + Linear("T1", "T2") + Difference("T1", "T2"),
             SENSORS,
             "T1, T2, T1 - T2",
@@ -358,12 +363,12 @@ def test_sensors_that_read_the_same_get_no_sensitivity_and_predictions_stay(mode
 
 def test_a_sensor_beside_its_own_lag_is_no_second_sensor():
     y = NOISY + arcsec_to_rad(0.5 * ONE)
-    found = lb.identify(Offset() + Linear("T1") + Lagged("T1") + Linear("T2"), y, SENSORS, T)
+    model = MODEL + Linear("T1")
+    found = lb.identify(model, y, SENSORS, T)
+    assert str(found.law) == "as given"
     assert np.isfinite(found.sensitivity).all()
     assert not any("told apart" in note for note in found.notes)
-    judged = lb.cross_validate(
-        Offset() + Linear("T1") + Lagged("T1") + Linear("T2"), y, SENSORS, T, folds=2
-    )
+    judged = lb.cross_validate(model, y, SENSORS, T, folds=2)
     assert judged.not_predictable == ()
 
 
@@ -378,6 +383,7 @@ def test_what_only_unused_samples_tell_is_withheld():
     steps = lb.identify(Offset() + Steps((T[320], T[350])), silent, {}, T)
     assert np.isinf(steps.condition) and np.isinf(steps.vif[1:]).all() and steps.vif[0] == 1
     assert "step at 19200 s, step at 21000 s cannot be told apart" in steps.notes[0]
+    assert repr(steps).startswith("no sensitivities\nstep at 19200 s")
 
 
 @pytest.mark.parametrize(

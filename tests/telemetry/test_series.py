@@ -141,6 +141,107 @@ def test_wrong_use_of_a_command_is_said_in_a_line(series, tmp_path, capsys, argu
     assert said.count("\n") == 1
 
 
+ROW_S = 30.0
+
+
+def written(tmp_path, **changes):
+    """A CSV file of 120 rows, its columns changed."""
+    t = ROW_S * np.arange(120)
+    room = 20.0 + np.sin(t / 700.0)
+    noise = 0.05 * np.random.default_rng(3).standard_normal(t.size)
+    frame = pd.DataFrame({"time_s": t, "a_arcsec": 2.0 * room + noise, "room": room})
+    frame = frame.assign(flat=3.0, same=2.0 * room + 1.0)
+    for name, change in changes.items():
+        frame[name] = change(frame)
+    path = tmp_path / "series.csv"
+    frame.to_csv(path, index=False)
+    return path
+
+
+def missing(first, last):
+    return lambda f: f["a_arcsec"].where((f.index < first) | (f.index >= last))
+
+
+IDENTIFY = ["identify", "FILE", "--angles", "a_arcsec", "--out", "OUT"]
+METRICS = ["metrics", "FILE", "--angles", "a_arcsec"]
+
+
+@pytest.mark.parametrize(
+    ("command", "changes", "message"),
+    [
+        (
+            [*IDENTIFY, "--temperatures", "room"],
+            {"time_s": lambda f: f["time_s"][::-1].to_numpy()},
+            "column 'time_s' must increase, but data row 2",
+        ),
+        (
+            [*IDENTIFY, "--temperatures", "room"],
+            {"time_s": lambda f: f["time_s"].where(f.index != 5, 4 * ROW_S)},
+            "column 'time_s' must increase, but data row 6",
+        ),
+        (
+            [*IDENTIFY, "--temperatures", "flat"],
+            {},
+            "sensor flat must vary to give a sensitivity, got 3 throughout",
+        ),
+        (
+            [*IDENTIFY, "--temperatures", "room"],
+            {"a_arcsec": missing(0, 118)},
+            "angles must hold more than 3 samples with every sensor, to fit as many unknowns, got 2",
+        ),
+        (
+            [*IDENTIFY, "--temperatures", "room", "--folds", "6"],
+            {"a_arcsec": missing(20, 45)},
+            "folds must each hold samples, got none in block 2",
+        ),
+        ([*IDENTIFY, "--steps", "9e9"], {}, "Steps must lie within the record, after 0 s"),
+        ([*IDENTIFY, "--steps", "0"], {}, "Steps must lie within the record, after 0 s"),
+        ([*IDENTIFY, "--trend", "9"], {}, "degree must be a whole number from 1 to 5, got 9"),
+        (
+            [*IDENTIFY, "--temperatures", "room", "--lag", "none", "--linear", "room"],
+            {},
+            "model must hold each term once, got room twice",
+        ),
+        ([*METRICS, "--window-s", "1e6"], {}, "fit into the record, which has 120 of 30 s"),
+        ([*METRICS, "--window-s", "10"], {}, "window_s must span 2 samples or more"),
+        (
+            [*METRICS, "--window-s", "300", "--separation-s", "1e6"],
+            {},
+            "separation_s must span 1 samples or more and fit",
+        ),
+        (
+            [*METRICS, "--window-s", "300"],
+            {"a_arcsec": lambda f: f["a_arcsec"].where(f.index % 9 > 0)},
+            "window_s must fit into a stretch without gaps, the longest of which is 240 s",
+        ),
+        (
+            [*METRICS, "--window-s", "300"],
+            {"time_s": lambda f: f["time_s"][::-1].to_numpy()},
+            "column 'time_s' must increase",
+        ),
+    ],
+)
+def test_a_bad_series_is_named_in_a_line(tmp_path, capsys, command, changes, message):
+    places = {"FILE": str(written(tmp_path, **changes)), "OUT": str(tmp_path / "out")}
+    assert main([places.get(word, word) for word in command]) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_sensors_that_read_the_same_and_steps_within_one_fold_are_told_in_the_report(tmp_path):
+    path, out = str(written(tmp_path)), tmp_path / "out"
+    common = ["identify", path, "--angles", "a_arcsec", "--quiet"]
+    assert main([*common, "--temperatures", "room", "same", "--out", str(out)]) == 0
+    text = (out / "report.txt").read_text()
+    assert "room lagged, same lagged cannot be told apart by these samples" in text
+    assert pd.read_csv(out / "sensitivity.csv")["arcsec_per_degC"].isna().all()
+    steps = ["--steps", str(65 * ROW_S), str(70 * ROW_S), "--folds", "4"]
+    assert main([*common, *steps, "--out", str(tmp_path / "steps")]) == 0
+    text = (tmp_path / "steps" / "report.txt").read_text()
+    assert "Not predictable: block 3" in text and "DataFrame" not in text
+
+
 def test_times_that_go_back_are_named_by_row(tmp_path):
     path = tmp_path / "series.csv"
     path.write_text("time_s,a_deg\n0,1\n5,1\n5,2\n7,3\n")

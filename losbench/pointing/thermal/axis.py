@@ -116,7 +116,7 @@ def fit_axis(
         others = len(design.sensitive()) > len(design.lags)
         fit = generalised(rich, kept.y, kept.time_s, noise, freedom=others)
     sensitivity, interval, dof = _sensitivities(design, kept, fit, noise, level, all_lags, states)
-    alike = design.alike(kept.rows)
+    alike = design.alike(kept.rows, every_lag=all_lags)
     withheld = alike[list(design.sensitive())]
     sensitivity[withheld] = interval[withheld] = dof[withheld] = np.nan
     residuals, weights = np.full(y.size, np.nan), np.zeros(y.size)

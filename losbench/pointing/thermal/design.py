@@ -99,14 +99,15 @@ class Design:
             at += width
         return tuple(found)
 
-    def alike(self, rows: Indices | Bools) -> Bools:
+    def alike(self, rows: Indices | Bools, *, every_lag: bool = False) -> Bools:
         """Which columns (p,) some rows cannot tell from others, such as two sensors that read the
         same, or a step that no row is before.
 
-        Fitted lags are taken to be equal: sensors that differ by their lags alone are alike.
+        Fitted lags are taken to be equal: sensors that differ by their lags alone are alike. So is
+        a sensor beside its own lags where ``every_lag`` counts, no lag among them.
         """
         step_s = float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else 0.0
-        columns = self.matrix(np.full(len(self.lags), _ALIKE * step_s))
+        columns = self.matrix(np.full(len(self.lags), 0.0 if every_lag else _ALIKE * step_s))
         size = np.linalg.norm(columns, axis=0)
         unit = columns[rows] / np.where(size > 0.0, size, 1.0)
         _, values, directions = np.linalg.svd(np.linalg.qr(unit)[1])

@@ -121,7 +121,8 @@ class Identification:
 
     def __repr__(self) -> str:
         """Sensitivities and notes."""
-        return "\n".join([self.table().to_string(index=False), *self.notes])
+        head = self.table().to_string(index=False) if self.of else "no sensitivities"
+        return "\n".join([head, *self.notes])
 
 
 def identify(
