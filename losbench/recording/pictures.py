@@ -27,46 +27,55 @@ __all__ = [
     "over_temperature_figure",
     "shifts_figure",
     "temperature_figure",
+    "windows_px",
 ]
 
 _MANY = 3000  # points of a line, beyond which it is drawn as an image
-_CUTS = 6  # spots that are shown near to
+_CUTS, _COLUMNS = 12, 6  # spots that are shown near to, and how many of them beside each other
 _NEAR_PX = 12  # half a side of these, where the window is not known
 
 
 def frame_figure(measurement: Measurement, recording: Recording) -> Figure:
-    """The first frame that shows every spot, with their numbers, and each of the first six near
-    to.
+    """The first frame that shows every spot, with their numbers, and each of the first twelve near
+    to, with its window.
     """
     from matplotlib.figure import Figure
 
-    seen = np.isfinite(measurement.xy_px).all(axis=(1, 2))
-    k, xy = int(np.argmax(seen)), measurement.xy_px[int(np.argmax(seen))]
-    count = len(xy)
+    k = int(np.argmax(np.isfinite(measurement.xy_px).all(axis=(1, 2))))
+    xy = measurement.xy_px[k]
     pixels = [stamp.read(k, k + 1, skip=True).frames[0] for stamp in recording.stamps]
     origins = [np.array(stamp.origin_px, dtype=float) for stamp in recording.stamps]
-    whole = len(pixels) == 1
-    columns = min(count, _CUTS)
-    rows, cols = pixels[0].shape
-    tall = min(8.0 * rows / cols, 9.0) if whole else 0.0
-    fig = Figure(figsize=(8.0, tall + 8.0 / max(columns, 3) + 0.4))
-    grid = fig.add_gridspec(
-        2 if whole else 1, columns, height_ratios=[tall, 8 / max(columns, 3)][-1 - whole :]
-    )
+    whole, shown = len(pixels) == 1, min(len(xy), _CUTS)
+    columns = min(shown, _COLUMNS)
+    n_rows, side = -(-shown // columns), 8.0 / max(columns, 3)
+    heights = [side] * n_rows
+    if whole:
+        heights.insert(0, min(8.0 * pixels[0].shape[0] / pixels[0].shape[1], 9.0))
+    fig = Figure(figsize=(8.0, sum(heights) + 0.4))
+    grid = fig.add_gridspec(len(heights), columns, height_ratios=heights)
     if whole:
         axis = fig.add_subplot(grid[0, :])
         _image(axis, pixels[0], origins[0])
         axis.set_title(f"frame {k}: {recording.label(k)}", parse_math=False)
-        _marks(axis, xy, radius=0.02 * max(rows, cols))
-    for spot in range(columns):
-        image, origin = (pixels[0], origins[0]) if whole else (pixels[spot], origins[spot])
-        axis = fig.add_subplot(grid[-1, spot])
-        near = _near(image, origin, xy[spot]) if whole else (image, origin)
-        _image(axis, *near)
+        _marks(axis, xy, radius=0.02 * max(pixels[0].shape))
+    for spot, window in enumerate(windows_px(measurement)[:shown]):
+        axis = fig.add_subplot(grid[whole + spot // columns, spot % columns])
+        stamp = 0 if whole else spot
+        near = (pixels[stamp], origins[stamp])
+        _image(axis, *(_near(*near, xy[spot], window) if whole else near))
         axis.plot(*xy[spot], "+", ms=11, mew=1.2, color="#D55E00")
+        if window is not None:
+            _square(axis, np.rint(xy[spot]), window)
         axis.set_title(f"spot {spot + 1}", fontsize=9)
         axis.tick_params(labelsize=7)
     return fig
+
+
+def windows_px(measurement: Measurement) -> list[int | None]:
+    """Side of each spot's window, None where it is not known."""
+    count, surveys = measurement.xy_px.shape[1], measurement.surveys
+    sides = [getattr(survey.method, "window", None) for survey in surveys] or [None]
+    return sides * count if len(sides) == 1 else sides
 
 
 def shifts_figure(measurement: Measurement) -> Figure:
@@ -170,11 +179,21 @@ def _by_spot(axis: Axes, along: NDArray[Any], values: Floats) -> None:
         )
 
 
-def _near(image: NDArray[Any], origin: Floats, xy: Floats) -> tuple[NDArray[Any], Floats]:
+def _near(
+    image: NDArray[Any], origin: Floats, xy: Floats, window: int | None
+) -> tuple[NDArray[Any], Floats]:
     """The pixels about a spot, and where their first one is."""
+    reach = _NEAR_PX if window is None else window // 2 + 4
     x, y = np.rint(xy - origin).astype(int).tolist()
-    left, top = max(x - _NEAR_PX, 0), max(y - _NEAR_PX, 0)
-    return image[top : y + _NEAR_PX + 1, left : x + _NEAR_PX + 1], origin + np.array([left, top])
+    left, top = max(x - reach, 0), max(y - reach, 0)
+    return image[top : y + reach + 1, left : x + reach + 1], origin + np.array([left, top])
+
+
+def _square(axis: Axes, centre: Floats, side: int) -> None:
+    from matplotlib.patches import Rectangle
+
+    corner = (centre[0] - side / 2, centre[1] - side / 2)
+    axis.add_patch(Rectangle(corner, side, side, fill=False, lw=1.0, ec="#E69F00", ls="--"))
 
 
 def _image(axis: Axes, pixels: NDArray[Any], origin: Floats) -> None:

@@ -149,7 +149,7 @@ def _pictures(
         "frame": Picture(
             "A frame with its spots",
             "The first frame that shows every spot, and each spot near to; a cross marks the "
-            "centroid.",
+            "centroid, a square its window.",
             pictures.frame_figure(measurement, recording),
         ),
         "shifts": Picture(

@@ -19,6 +19,7 @@ from losbench.pointing.performance import PointingMetrics
 from losbench.pointing.told import Sensitivity, metrics_section, sensitivity_section
 from losbench.recording.belief import Belief
 from losbench.recording.measurement import Measurement
+from losbench.recording.pictures import windows_px
 from losbench.recording.readers import Recording
 from losbench.recording.sensitivity import ABOUT, AXES, temperature_columns
 from losbench.units import rad_to_arcsec
@@ -112,6 +113,8 @@ def _doubts(told: Told) -> list[str]:
     belief = told.belief
     of_scatter = belief.sentences()[0]
     lines = [] if of_scatter.endswith(": as predicted.") else [of_scatter]
+    if any(survey.doubts for survey in told.measurement.surveys):
+        lines.append("The frames contradict the detector.")
     marked = np.count_nonzero(told.measurement.flags) / belief.n_centroids
     if marked > _MARKED:
         lines.append(f"{100 * marked:.0f} % of the centroids carry a flag.")
@@ -160,11 +163,13 @@ def numbers(told: Told) -> dict[str, list[dict[str, Any]]]:
     frame, attitude = told.measurement.table, told.measurement.attitude
     seen = np.logical_and.reduce(np.isfinite(told.measurement.xy_px), axis=2)
     marked = np.count_nonzero(told.measurement.flags, axis=0)
+    sides = windows_px(told.measurement)
     spots = [
         {
             "spot": n + 1,
             "reference_x_px": x,
             "reference_y_px": y,
+            "window_px": sides[n],
             "frames_measured": int(seen[:, n].sum()),
             "frames_flagged": int(marked[n]),
         }
@@ -202,12 +207,20 @@ def spots(told: Told) -> str:
             each["spot"],
             f"{each['reference_x_px']:.3f}",
             f"{each['reference_y_px']:.3f}",
+            "" if each["window_px"] is None else each["window_px"],
             each["frames_measured"],
             each["frames_flagged"],
         ]
         for each in numbers(told)["spots"]
     ]
-    heads = ["spot", "reference x (px)", "reference y (px)", "frames measured", "frames flagged"]
+    heads = [
+        "spot",
+        "reference x (px)",
+        "reference y (px)",
+        "window (px)",
+        "frames measured",
+        "frames flagged",
+    ]
     return section(
         "Spots",
         table(heads, rows, caption=f"Spots, in {len(told.measurement.table)} frames"),

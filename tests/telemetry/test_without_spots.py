@@ -1,12 +1,18 @@
 """Telemetry that has no reference spots: the angle, its convention and its clocks."""
 
+import hashlib
+import json
+import multiprocessing
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from losbench import outputs
 from losbench.cli import main
 from losbench.papers.ren2023.export import write_telemetry
 from losbench.papers.ren2023.scenario import Pair
@@ -265,3 +271,50 @@ def test_rows_in_turn_without_a_header_are_told_by_their_number(table, tmp_path,
     (tmp_path / "sca.toml").write_text(IN_TURN.replace("rows = [3, 2]", "rows = [3, 1]"))
     with pytest.raises(ValueError, match="all heads must have rows of their own, or none"):
         correct_telemetry(tmp_path / "sca.txt", tmp_path / "none", **options)
+
+
+STEPS = ["_write", "_sync", "_settle", "rename"]
+
+
+@pytest.mark.parametrize("kept", [0, 3, 6])
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_drift_that_is_ended_leaves_the_old_report_or_the_new_one(
+    table, tmp_path, monkeypatch, step, kept
+):
+    judged(table[:200], tmp_path)
+    before = json.loads((tmp_path / "out" / "report.json").read_text())["files"]
+    owner = Path if step == "rename" else outputs
+    whole, calls = getattr(owner, step), iter(range(100))
+
+    def ends(*args):
+        if next(calls) == kept:
+            os._exit(9)
+        return whole(*args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, step, ends)
+        process = multiprocessing.get_context("fork").Process(
+            target=judged, args=(table[:200], tmp_path), kwargs={"window": 7}
+        )
+        process.start()
+        process.join()
+    with outputs.claim(tmp_path / "out", force=True):
+        pass
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    for name, sha256 in report["files"].items():
+        content = (tmp_path / "out" / name).read_bytes()
+        assert hashlib.sha256(content).hexdigest() == sha256
+    if process.exitcode == 9 and step == "_write":
+        assert report["files"] == before
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_telemetry_is_never_written_over(table, tmp_path):
+    table.to_csv(tmp_path / "telemetry.csv", index=False)
+    (tmp_path / "telemetry.toml").write_text(BARE.to_toml())
+    given = (tmp_path / "telemetry.csv").read_bytes()
+    for out in (tmp_path, tmp_path / "telemetry.csv"):
+        with pytest.raises((ValueError, FileExistsError), match="choose another|must be a folder"):
+            correct_telemetry(tmp_path / "telemetry.csv", out, force=True)
+    assert (tmp_path / "telemetry.csv").read_bytes() == given
