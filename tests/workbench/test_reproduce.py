@@ -10,6 +10,7 @@ import pytest
 
 from losbench.outputs import locked
 from losbench.resources import data_file as real
+from losbench.workbench.reproduction import reproduce as module
 from losbench.workbench.reproduction.reproduce import reproduce
 
 DRAW = """
@@ -113,6 +114,22 @@ def test_a_failing_cell_is_named_and_the_others_finish(notebooks, tmp_path):
         "02-broken.ipynb, cell 'cell-1' (number 3): AttributeError: 'NoneType'" in result.summary()
     )
     assert not contents(build, "tables")
+
+
+def test_a_site_that_cannot_be_built_fails_the_run_and_one_that_need_not_does_not(
+    tmp_path, monkeypatch
+):
+    def complain(**_):
+        raise ValueError("the site: a.md:1: WARNING: no such page")
+
+    monkeypatch.setattr(module, "build_site", complain)
+    monkeypatch.setattr(module, "can_build", lambda: False)
+    assert module._site(tmp_path, tmp_path) == (None, "")
+    monkeypatch.setattr(module, "can_build", lambda: True)
+    first, problem = module._site(tmp_path, tmp_path)
+    done = module.Reproduction([], [], tmp_path, {}, first, problem)
+    assert not done.ok
+    assert "a.md:1: WARNING: no such page" in done.summary()
 
 
 def test_a_dead_kernel_is_named(tmp_path):
