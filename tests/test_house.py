@@ -142,6 +142,8 @@ def test_links_to_files_lead_somewhere(name):
 
 
 def test_the_students_archive_leaves_out_every_file_that_holds_answers():
+    if not (ROOT / "notebooks" / "solutions").is_dir():
+        pytest.skip("this is the students' archive")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     left_out = re.search(r"^FOR_TEACHERS := (.*)$", makefile, re.MULTILINE)[1].split()
     assert all((ROOT / path).exists() for path in left_out)
