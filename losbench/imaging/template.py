@@ -54,17 +54,17 @@ class TemplateFit:
 
     def estimate(self, windows: Windows) -> Estimate:
         """Return what was found, with what does not fit."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sigma = (
-                np.sqrt(self.variance[:, 1:]) / np.where(self.flux > 0, self.flux, np.nan)[:, None]
-            )
+        # Too few pixels for their columns leave no error that could be stated.
+        known = (self.variance >= 0).all(axis=1)
+        sigma = np.sqrt(np.where(known[:, None], self.variance, np.nan))
+        flux = np.where(self.flux > 0, self.flux, np.nan)
         return Estimate(
             centroid=self.centre,
-            sigma=sigma,
+            sigma=sigma[:, 1:] / flux[:, None],
             flux=self.flux,
-            sigma_flux=np.sqrt(self.variance[:, 0]),
+            sigma_flux=sigma[:, 0],
             n_iter=self.n_iter,
-            converged=self.converged & (self.flux > 0),
+            converged=self.converged & known & (self.flux > 0),
             middle=np.zeros_like(self.centre),
             slow=np.zeros(len(self.flux), dtype=bool),
             misfit=_misfits(self, windows),
