@@ -48,9 +48,9 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
     centroid = parser.add_argument_group("centroid")
     centroid.add_argument(
         "--method",
-        default="eiwa",
+        default="auto",
         choices=["auto", "eiwa", "grey", "weighted", "likelihood", "gaussian"],
-        help="centroid (%(default)s)",
+        help="centroid (%(default)s: what the spots ask for; eiwa where a stop is given)",
     )
     centroid.add_argument(
         "--window", type=int, help="window side in pixels, odd; default 6 sigma of the spot"
@@ -117,7 +117,8 @@ def centroid_of(options: argparse.Namespace) -> CentroidMethod:
         "hot_pixel_gate": options.hot_pixel_gate,
         "smooth": "kalman" if options.smooth == "kalman" else None,
     }
-    return as_method(options.method, given)
+    stop = options.stop or options.tolerance or options.max_iter
+    return as_method("eiwa" if options.method == "auto" and stop else options.method, given)
 
 
 def background_of(options: argparse.Namespace) -> Background:

@@ -149,10 +149,11 @@ def _run(options: argparse.Namespace) -> int:
             reference=reference_of(options),
             run=run,
         )
+        chosen = measurement.surveys[0].method
         other = second_opinion(
             recording,
             measurement,
-            EIWA(centroid.window) if centroid.template else Weighted(window=centroid.window),
+            EIWA(centroid.window) if chosen.template else Weighted(window=centroid.window),
             background=background,
         )
         lines = write_report(

@@ -327,14 +327,14 @@ def _median_and_scatter(values: Pixels) -> tuple[Pixels, Pixels]:
     return middle, np.maximum(SIGMA_PER_MAD * scatter, mean / _CLIP)
 
 
-def inverse_normal(sums: Floats, ridge: float = 1e-6) -> Floats:
+def inverse_normal(sums: Floats) -> Floats:
     """Inverse normal matrix of the plane 1, x, y from the sums of 1, x, y, xx, xy, yy, by
     cofactors.
     """
     n, sx, sy, sxx, sxy, syy = sums.T
     # Enough to invert what a corner of a frame or an empty ring leaves, too little to matter
     # elsewhere.
-    n, sxx, syy = n + ridge, sxx + ridge, syy + ridge
+    n, sxx, syy = n + 1e-6, sxx + 1e-6, syy + 1e-6
     adjugate = np.array(
         [
             [sxx * syy - sxy**2, sy * sxy - sx * syy, sx * sxy - sy * sxx],

@@ -4,23 +4,23 @@ a window has moved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Bools, Floats, Indices
+from losbench.arrays import Floats, Indices
 from losbench.checks import integer, number
 from losbench.imaging.background import Background
+from losbench.imaging.cleaning import Scene, look_again
 from losbench.imaging.detector import Detector
-from losbench.imaging.flags import Cut, judged, saturated
+from losbench.imaging.flags import Cut, judged
 from losbench.imaging.hotpixels import gate_hot_pixels
-from losbench.imaging.noise import Gain, peak_reading, pixel_noise, step_of
-from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
+from losbench.imaging.noise import Gain, peak_reading, pixel_noise, saturated, step_of
+from losbench.imaging.protocols import CentroidMethod, Windows
 from losbench.imaging.results import Measured, SpotFlag
-from losbench.imaging.scrutiny import asks, look_into, lopsided
-from losbench.imaging.stamps import RING, cut_stamps, ring_places, take_pixels
+from losbench.imaging.stamps import cut_stamps, ring_places, take_pixels
 
 __all__ = ["Engine"]
 
@@ -28,8 +28,6 @@ __all__ = ["Engine"]
 # over a half, so that a centroid near a pixel border is not cut back and forth
 _OFF_CENTRE = 0.6  # pixels
 _MOST_RECUTS = 10
-_OUTLIER = 5.0  # scatters of the ring
-_TOLD = SpotFlag.BAD_PIXEL | SpotFlag.NOT_CONVERGED  # of a spot that is measured anew
 
 
 @dataclass(frozen=True)
@@ -112,8 +110,9 @@ class Engine:
         windows = Windows(cut.signal, self.window, here, middle, cut.noise, width, cut.kept)
         fit = self.method.measure(windows)
         result = judged(stack.shape[1:], middle, cut, fit)
+        scene = Scene(stack, frame, self.method, self.ring)
         if self.method.stays:
-            self._look_into(stack, frame, cut, windows, fit, result, fit.converged)
+            look_again(scene, cut, windows, fit, result, fit.converged)
             return result
 
         moved = np.nan_to_num(fit.centroid, posinf=0.0, neginf=0.0)
@@ -124,7 +123,7 @@ class Engine:
         again = (np.abs(moved).max(axis=1) > _OFF_CENTRE) & ~strayed & inside
         if not self.background.tilts:
             again &= ~fit.converged
-        self._look_into(stack, frame, cut, windows, fit, result, ~again)
+        look_again(scene, cut, windows, fit, result, ~again)
         if recuts and again.any():
             redone = self.measure(
                 stack,
@@ -167,46 +166,3 @@ class Engine:
         noise = pixel_noise(plane, self.noise, last_digit)
         sides = self.window, self.ring
         return Cut(raw, signal, missing, kept, peak, full, plane, noise, *sides)
-
-    def _look_into(
-        self,
-        stack: NDArray[Any],
-        frame: Indices,
-        cut: Cut,
-        windows: Windows,
-        fit: Estimate,
-        result: Measured,
-        settled: Bools,
-    ) -> None:
-        """Mask what stands out of the spots that ask for it, measure those anew, and flag light of
-        another spot.
-        """
-        settled = settled & np.isfinite(result.xy).all(axis=1)
-        some = np.flatnonzero(settled & (asks(windows, fit) | (cut.plane.outlier > _OUTLIER)))
-        if not some.size:
-            return
-        part = replace(windows.of(some), start=fit.centroid[some], leave=self.window / 3.0)
-        looked = look_into(part)
-        bad = looked.n_bad > 0
-        result.n_bad[some] += looked.n_bad
-        result.flags[some[bad]] |= SpotFlag.BAD_PIXEL
-        if bad.any() and self.method.template:
-            where = some[bad]
-            again = replace(part.of(bad), kept=looked.kept[bad])
-            cleaned = judged(
-                stack.shape[1:], windows.middle[where], cut.of(where), self.method.measure(again)
-            )
-            cleaned.n_iter[:] += result.n_iter[where]
-            cleaned.n_bad[:] = result.n_bad[where]
-            cleaned.flags[:] |= result.flags[where] & _TOLD
-            result.put(where, cleaned)
-        reach = self.ring // 2 + RING
-        stamps = cut_stamps(stack, frame[some], windows.middle[some], reach)
-        near = reach - self.window // 2 - 1
-        kept = np.isfinite(stamps).astype(stamps.dtype)
-        kept[:, near:-near, near:-near] *= looked.kept
-        kept[:, near:-near] *= ~looked.lines.all(axis=2, keepdims=True)
-        kept[:, :, near:-near] *= ~looked.lines.all(axis=1, keepdims=True)
-        signal = np.nan_to_num(cut.plane.of(some).off(stamps))
-        crowded = lopsided(signal, kept, part, looked.fit) & looked.fit.converged
-        result.flags[some[crowded]] |= SpotFlag.NEIGHBOUR

@@ -16,11 +16,10 @@ from losbench.imaging.results import Measured, SpotFlag
 from losbench.imaging.stamps import RING
 from losbench.imaging.window import look
 
-__all__ = ["Cut", "judged", "saturated"]
+__all__ = ["Cut", "judged"]
 
 
 _FAINTEST = 5.0  # flux in units of its error
-_PLATEAU = 5  # pixels
 _LEAK = 0.01  # of the peak
 _SURE = 5.0  # sigma
 _MOST_UNREAD = 0.15  # of the pixels of a window, that a template goes without
@@ -94,24 +93,6 @@ def judged(shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> 
     xy = np.where(nowhere, np.nan, fit.centroid + middle)
     sigma = np.where(np.isnan(xy), np.nan, fit.sigma)
     return Measured(xy, sigma, fit.flux, level, fit.n_iter.copy(), flags, n_bad)
-
-
-def saturated(
-    raw: Pixels, missing: Bools | None, level: Floats, full_scale_dn: float
-) -> tuple[Bools, Pixels]:
-    """Whether full scale is reached, or more pixels share the maximum than whole numbers make of a
-    round top, (M,); and from which reading on pixels are saturated (M, 1, 1).
-    """
-    side = raw.shape[1] - 2
-    inner = raw[:, 1:-1, 1:-1].reshape(-1, side * side)
-    if missing is not None:
-        inner = np.where(np.isnan(inner), -np.inf, inner)
-    top = inner.max(axis=1)
-    sharing = (inner == top[:, None]).astype(np.float32).sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        chance = inner.shape[1] / (top - level)
-        plateau = (top > level) & (sharing >= _PLATEAU + chance)
-    return (top >= full_scale_dn) | plateau, np.minimum(top, full_scale_dn)[:, None, None]
 
 
 def _leaks(cut: Cut, level: Floats) -> Bools:

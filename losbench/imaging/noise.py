@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Pixels
 from losbench.imaging.background import Plane
-from losbench.imaging.columns import Templates
 from losbench.imaging.detector import Detector
 from losbench.imaging.ranks import digit_step
 
-__all__ = ["Gain", "PixelNoise", "Transfer", "peak_reading", "pixel_noise", "step_of"]
+__all__ = ["Gain", "PixelNoise", "Transfer", "peak_reading", "pixel_noise", "saturated", "step_of"]
 
 
 _SAMPLES = 2048  # readings that tell their step
 _TELLING = 8  # different ones
+_PLATEAU = 5  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,25 +112,6 @@ class PixelNoise:
         """Return that of some of the windows."""
         return PixelNoise(self.floor[some], self.per_dn, self.plane[some])
 
-    def unit(self, flux: Floats) -> Floats:
-        """Variance (M,) under all the light of a spot, in which the others are counted."""
-        return self.floor + self.per_dn * np.maximum(np.nan_to_num(flux), 0.0)
-
-    def relative(self, flux: Floats, at: Templates) -> Pixels | None:
-        """Variance (M, S, S) of the pixels under a template with that flux, in those units; None
-        where it is the same for all.
-        """
-        if not self.per_dn:
-            return None
-        unit = self.unit(flux)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # Frames without noise still need weights, though any will do.
-            flat = np.where(unit > 0, self.floor / unit, 1.0)
-        light = at.light
-        light *= (1.0 - flat).astype(light.dtype)[:, None, None]
-        light += np.maximum(flat, 1e-6).astype(light.dtype)[:, None, None]
-        return light
-
 
 def pixel_noise(plane: Plane, noise: Detector | Gain, last_digit: Floats) -> PixelNoise:
     """Variance of the pixels on that background, by a detector, or by the ring and a gain.
@@ -155,6 +136,24 @@ def peak_reading(raw: Pixels, missing: Bools | None) -> Floats:
     pixels = raw.reshape(-1, raw.shape[1] * raw.shape[2])
     top = pixels.max(axis=1) if missing is None else np.nan_to_num(pixels).max(axis=1)
     return top.astype(np.float64)
+
+
+def saturated(
+    raw: Pixels, missing: Bools | None, level: Floats, full_scale_dn: float
+) -> tuple[Bools, Pixels]:
+    """Whether full scale is reached, or more pixels share the maximum than whole numbers make of a
+    round top, (M,); and from which reading on pixels are saturated (M, 1, 1).
+    """
+    side = raw.shape[1] - 2
+    inner = raw[:, 1:-1, 1:-1].reshape(-1, side * side)
+    if missing is not None:
+        inner = np.where(np.isnan(inner), -np.inf, inner)
+    top = inner.max(axis=1)
+    sharing = (inner == top[:, None]).astype(np.float32).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        chance = inner.shape[1] / (top - level)
+        plateau = (top > level) & (sharing >= _PLATEAU + chance)
+    return (top >= full_scale_dn) | plateau, np.minimum(top, full_scale_dn)[:, None, None]
 
 
 def step_of(stack: NDArray[Any]) -> float:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from losbench.arrays import Bools, Floats, Ints, Pixels
-from losbench.imaging.background import inverse_normal
 from losbench.imaging.columns import Templates
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Estimate, Windows
@@ -55,7 +54,7 @@ class TemplateFit:
     def estimate(self, windows: Windows) -> Estimate:
         """Return what was found, with what does not fit."""
         # Too few pixels for their columns leave no error that could be stated.
-        known = (self.variance >= 0).all(axis=1)
+        known: Bools = np.asarray((self.variance >= 0).all(axis=1))
         sigma = np.sqrt(np.where(known[:, None], self.variance, np.nan))
         flux = np.where(self.flux > 0, self.flux, np.nan)
         return Estimate(
@@ -122,12 +121,14 @@ def fit_template(
     centre, flux = windows.start.copy(), first.sum(axis=(1, 2), dtype=np.float64)
     variance = np.full((count, 3), np.nan)
     n_iter, converged = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+    floor, per_dn, plane = windows.noise.floor, windows.noise.per_dn, windows.noise.plane
     moving = np.arange(count)
     for _ in range(max_iter):
         some = slice(None) if moving.size == count else moving
         at = Templates.of(side, centre[some], width[some], pixels.dtype, free=free)
         seen = None if kept is None else kept[some]
-        step = _scoring(at, pixels[some], seen, flux[some], windows.noise.of(some), equal)
+        noise = PixelNoise(floor[some], per_dn, plane[some])
+        step = _scoring(at, pixels[some], seen, flux[some], noise, equal)
         move = np.clip(step.others[:, :2], -_LONGEST_STEP, _LONGEST_STEP)
         centre[some] += move
         flux[some], variance[some] = step.flux, step.variance
@@ -153,12 +154,12 @@ def _scoring(
     equal: bool,
 ) -> _Step:
     """Least squares of pixels on the template and its slopes, weighted by the inverse variance."""
-    relative = noise.relative(flux, at)
+    unit = noise.floor + noise.per_dn * np.maximum(np.nan_to_num(flux), 0.0)
+    relative = _relative(at, noise.floor, unit) if noise.per_dn else None
     weight = kept if equal or relative is None else (1.0 if kept is None else kept) / relative
     sums = at.sums(pixels, weight)
     inverse = _inverse(sums.normal)
     values = np.einsum("mij,mj->mi", inverse, sums.reading)
-    unit = noise.unit(flux)
     first = inverse[:, :3]
     if equal and relative is not None:
         spread = at.sums(pixels, relative if kept is None else kept * relative).normal
@@ -171,17 +172,28 @@ def _scoring(
     return _Step(values[:, 0], others, errors)
 
 
+def _relative(at: Templates, floor: Floats, unit: Floats) -> Pixels:
+    """Variance (M, S, S) of pixels under templates, in units (M,) of that under all the light."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Frames without noise still need weights, though any will do.
+        flat = np.where(unit > 0, floor / unit, 1.0)
+    light = at.light
+    light *= (1.0 - flat).astype(light.dtype)[:, None, None]
+    light += np.maximum(flat, 1e-6).astype(light.dtype)[:, None, None]
+    return light
+
+
 def _inverse(normal: Floats) -> Floats:
-    """Inverse of M normal matrices, each brought to a unit diagonal first."""
+    """Inverse of M symmetric normal matrices, each brought to a unit diagonal first."""
     scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
     scale = np.where(scale > 0, scale, 1.0)
     scale = scale[:, :, None] * scale[:, None, :]
-    unit = normal / scale
-    if normal.shape[1] == 3:
-        row, column = np.triu_indices(3)
-        return inverse_normal(unit[:, row, column], ridge=_RIDGE) / scale
-    ridge = _RIDGE * np.eye(normal.shape[1])
-    return np.asarray(np.linalg.inv(unit + ridge), dtype=np.float64) / scale
+    unit = normal / scale + _RIDGE * np.eye(normal.shape[1])
+    if normal.shape[1] > 3:
+        return np.asarray(np.linalg.inv(unit), dtype=np.float64) / scale
+    adjugate = np.cross(unit[:, (1, 2, 0)], unit[:, (2, 0, 1)])  # faster than what suits any size
+    determinant = np.einsum("mi,mi->m", unit[:, 0], adjugate[:, 0])
+    return adjugate / (determinant[:, None, None] * scale)
 
 
 def _misfits(fit: TemplateFit, windows: Windows) -> Bools:

@@ -77,7 +77,7 @@ class Belief:
     >>> frames = camera.expose(np.stack([light] * 40), 1)
     >>> belief = lb.measure(lb.read_recording(frames, detector=camera)).belief()
     >>> print(belief.sentences()[0])
-    Scatter over predicted error: 0.99 to 1.22, sampling error 0.16: as predicted.
+    Scatter over predicted error: 0.93 to 1.21, sampling error 0.16: as predicted.
     """
 
     scatter_px: Floats

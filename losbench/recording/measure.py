@@ -60,10 +60,11 @@ def measure(
         numbered from left to right, unless `Find` says otherwise, and keep their numbers.
     temperature : TemperatureLog, optional
         Interpolated to the frames' times.
-    centroid : EIWA, Weighted, Likelihood, Grey, Gaussian, or the name of one, optional
-        As ``method`` of `centroid`; by default `EIWA`. A window, and the width of a template, that
-        are not given are chosen on up to 64 frames spread over the recording, and then hold for
-        all. Every frame starts on the brightest pixels, unless ``centre`` says otherwise. With
+    centroid : AutoCentroid, EIWA, Weighted, Likelihood, Grey, Gaussian, or a name, optional
+        As ``method`` of `centroid`; by default `AutoCentroid`, which chooses by what the spots look
+        like; a note says what and why. That, a window, and the width of a template, where they are
+        not given, are chosen on up to 64 frames spread over the recording, and then hold for all.
+        Every frame starts on the brightest pixels, unless ``centre`` says otherwise. With
         ``smooth``, the positions are smoothed before shifts are taken.
     background : Ring, Level, None, "ring", "none" or float
         As for `centroid`.
@@ -95,7 +96,7 @@ def measure(
     >>> lb.measure(recording, centroid=lb.EIWA(13), background=lb.Ring(15)).xy_px.round(2).tolist()
     [[[20.0, 15.0]], [[20.0, 15.0]], [[20.0, 15.0]]]
     """
-    how, under = as_method(centroid or "eiwa", {}), as_background(background)
+    how, under = as_method(centroid or "auto", {}), as_background(background)
     angles = as_angles(solver)
     if reference != "first":
         integer("reference", reference, low=1, high=recording.n_frames)

@@ -24,8 +24,20 @@ def notes_on_frames(track: Track, surveys: Sequence[Survey]) -> list[str]:
     return [
         *_on_skipped(track.skipped, len(track.xy)),
         *_on_loss(track.xy, track.flags),
+        *_on_choice(surveys),
         *_on_noise(surveys),
     ]
+
+
+def _on_choice(surveys: Sequence[Survey]) -> list[str]:
+    """Say which centroid was chosen and why, where that was left to the frames."""
+    reasons = [survey.reason for survey in surveys]
+    if not any(reasons):
+        return []
+    if len(reasons) == 1:
+        return [f"Centroids by {reasons[0]}."]
+    each = (f"{reason} (stamp {k})" for k, reason in enumerate(reasons, 1) if reason)
+    return [f"Centroids by {'; '.join(each)}."]
 
 
 def _on_noise(surveys: Sequence[Survey]) -> list[str]:

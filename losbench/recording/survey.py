@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from losbench.arrays import Floats, Ints, Pixels
+from losbench.imaging.auto import AutoCentroid
 from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
 from losbench.imaging.detector import Detector
+from losbench.imaging.eiwa import EIWA
 from losbench.imaging.engine import Engine
 from losbench.imaging.gain import recording_gain
 from losbench.imaging.noise import Gain, step_of
@@ -54,6 +56,8 @@ class Survey:
         What the frames tell, also beside a detector.
     doubts : tuple of str
         Where they contradict it.
+    reason : str
+        Why this method, where `AutoCentroid` chose it.
     """
 
     frames: Ints
@@ -63,6 +67,7 @@ class Survey:
     noise: Detector | Gain = _UNKNOWN
     found: Gain = _UNKNOWN
     doubts: tuple[str, ...] = ()
+    reason: str = ""
 
     def predicted(self, first: int, last: int) -> Floats:
         """Where the spots are to be expected in frames ``first`` to ``last`` (excluded), (F, n, 2):
@@ -89,7 +94,7 @@ def survey(
     background: Background,
 ) -> Survey:
     """Follow the spots of a stamp through frames spread over the recording, and fix what is left
-    open in the method: window, and width of a template.
+    open in the method: window, and width of a template, or the method itself.
 
     Parameters
     ----------
@@ -113,7 +118,7 @@ def survey(
         if not reach:
             side = how.window or window_in_first(read.frames[0], last)
             how = replace(how, window=side)
-            look = replace(how, width=side / 6.0) if _open(how) else how
+            look = _on_the_way(how, side)
             reach = max(side, background.side or 0) // 2 + RING + _MARGIN
             room = max(3, _KEPT // (len(start) * (2 * reach + 1) ** 2))
             looked = evenly(len(nodes), min(_MOST, room))
@@ -138,6 +143,7 @@ def survey(
         found = recording_gain(engine, stack, at)
     known = recording.detector
     noise, doubts = (found, []) if known is None else (known, contradictions(known, found))
+    reason = ""
     if _open(how) and close:
         how = replace(how, centre="start")
         seen = centroid(
@@ -148,12 +154,21 @@ def survey(
             detector=noise,
             full_scale_dn=recording.full_scale_dn,
         )
-        how = replace(how, width=seen.width_px, centre=look.centre)
-    return Survey(nodes, path, start, how, noise, found, tuple(doubts))
+        how, reason = replace(seen.method or how, centre=look.centre), seen.reason
+        if how.template:
+            how = replace(how, width=seen.width_px)
+    return Survey(nodes, path, start, how, noise, found, tuple(doubts), reason)
 
 
 def _open(method: CentroidMethod) -> bool:
-    return method.template and method.width is None
+    return isinstance(method, AutoCentroid) or (method.template and method.width is None)
+
+
+def _on_the_way(method: CentroidMethod, side: int) -> CentroidMethod:
+    """What follows the spots, before what is left open in the method is known."""
+    if isinstance(method, AutoCentroid):
+        return EIWA(side, centre=method.centre, hot_pixel_gate=method.hot_pixel_gate)
+    return replace(method, width=side / 6.0) if _open(method) else method
 
 
 def side_by_side(frames: Pixels, places: Floats, reach: int) -> Pixels:
