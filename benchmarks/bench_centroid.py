@@ -198,7 +198,8 @@ def shape_rows():
     for frames, count in ((1, 800), (1, 100), (20, 40), (1000, 2)):
         stack, xy = field(frames, count)
         start, sigma = np.rint(xy), np.full(count, width)
-        flat = [np.ascontiguousarray(frame, dtype=np.float32) for frame in stack]
+        raw = [np.ascontiguousarray(frame, dtype=np.float32) for frame in stack]
+        flat = [image - np.median(image) for image in raw]
 
         def winpos(images, start=start, sigma=sigma):
             for image, p in zip(images, start, strict=True):
@@ -207,17 +208,19 @@ def shape_rows():
         def with_background(images, winpos=winpos):
             winpos([image - sep.Background(image).back() for image in images])
 
+        kinds = {
+            "given": lb.Weighted(width, window=13),
+            "found": lb.Weighted(window=13),
+            "eiwa": lb.EIWA(13),
+            "likely": lb.Likelihood(width, window=13),
+        }
         calls = {
-            "given": lambda _, s=stack, p=start: lb.centroid(
-                s, p, method=lb.Weighted(2, window=13)
-            ),
-            "found": lambda _, s=stack, p=start: lb.centroid(s, p, method=lb.Weighted(window=13)),
-            "eiwa": lambda _, s=stack, p=start: lb.centroid(s, p, method=lb.EIWA(13)),
-            "likely": lambda _, s=stack, p=start: lb.centroid(
-                s, p, method=lb.Likelihood(width, window=13)
-            ),
+            name: lambda _, s=stack, p=start, m=method: lb.centroid(s, p, method=m, detector=CAMERA)
+            for name, method in kinds.items()
+        }
+        calls |= {
             "sep": lambda _, flat=flat, winpos=winpos: winpos(flat),
-            "back": lambda _, flat=flat, call=with_background: call(flat),
+            "back": lambda _, raw=raw, call=with_background: call(raw),
         }
         taken = {k: 1e6 * t / (frames * count) for k, t in in_turns(calls, 9).items()}
         what, sep1 = f"{frames} x {count}", taken["sep"]

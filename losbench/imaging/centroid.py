@@ -215,6 +215,8 @@ def _crowded(places: Floats, window: int) -> Bools:
     apart = 2.0 * window * np.nonzero(seen)[0]  # frames lie above each other, out of reach
     points = np.column_stack([places[seen], apart])
     crowded = np.zeros(seen.shape, dtype=bool)
-    nearest = cKDTree(points).query(points, k=[2], distance_upper_bound=window)[0]
-    crowded[seen] = np.ravel(nearest) < window
+    tree = cKDTree(points, compact_nodes=False, balanced_tree=False)
+    near = np.zeros(len(points), dtype=bool)
+    near[tree.query_pairs(np.nextafter(window, 0.0), output_type="ndarray")] = True
+    crowded[seen] = near
     return crowded

@@ -87,6 +87,10 @@ def look_into(windows: Windows) -> Looked:
     looking = np.arange(len(kept))
     for _ in range(_ROUNDS):
         rest = _rest(windows.of(looking), fit.of(looking)) * first[looking]
+        much = (np.abs(rest * kept[looking]) > _SURE).any(axis=(1, 2))
+        looking, rest = looking[much], rest[much]
+        if not looking.size:
+            break
         line = _lines(rest) & ~lines[looking]
         single = _singles(rest * kept[looking]) & ~line.any(axis=(1, 2), keepdims=True)
         new = (line | single) & (kept[looking] > 0)

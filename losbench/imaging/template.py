@@ -34,6 +34,12 @@ _NARROWEST = 0.3  # pixels of sigma
 _MISFIT = 0.1  # of the light of a window
 _SURE = 5.0  # sigma
 _RIDGE = 1e-9  # of a unit diagonal
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+# Which entries of a 3 x 3 matrix, row by row, make up its cofactors: ab - cd.
+_MINOR = [
+    (3 * rows[:, None] + columns).ravel()
+    for rows, columns in ((_NEXT, _NEXT), (_LAST, _LAST), (_NEXT, _LAST), (_LAST, _NEXT))
+]
 
 
 @dataclass(frozen=True)
@@ -191,9 +197,10 @@ def _inverse(normal: Floats) -> Floats:
     unit = normal / scale + _RIDGE * np.eye(normal.shape[1])
     if normal.shape[1] > 3:
         return np.asarray(np.linalg.inv(unit), dtype=np.float64) / scale
-    adjugate = np.cross(unit[:, (1, 2, 0)], unit[:, (2, 0, 1)])  # faster than what suits any size
-    determinant = np.einsum("mi,mi->m", unit[:, 0], adjugate[:, 0])
-    return adjugate / (determinant[:, None, None] * scale)
+    entry = unit.reshape(-1, 9)
+    adjugate = entry[:, _MINOR[0]] * entry[:, _MINOR[1]] - entry[:, _MINOR[2]] * entry[:, _MINOR[3]]
+    determinant = np.einsum("mi,mi->m", entry[:, :3], adjugate[:, :3])
+    return adjugate.reshape(-1, 3, 3) / (determinant[:, None, None] * scale)
 
 
 def _misfits(fit: TemplateFit, windows: Windows) -> Bools:
