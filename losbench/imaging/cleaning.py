@@ -41,7 +41,9 @@ def look_again(
     another spot, of the windows that have ``settled`` (M,).
     """
     settled = settled & np.isfinite(result.xy).all(axis=1)
-    some = np.flatnonzero(settled & (asks(windows, fit) | (cut.plane.outlier > _OUTLIER)))
+    # A spot whose own light lies in the ring is told so, and its wings are no outliers.
+    outlying = (cut.plane.outlier > _OUTLIER) & (result.flags & SpotFlag.RING == 0)
+    some = np.flatnonzero(settled & (asks(windows, fit) | outlying))
     if not some.size:
         return
     part = replace(windows.of(some), start=fit.centroid[some], leave=windows.side / 3.0)
