@@ -12,7 +12,7 @@ from losbench.arrays import Bools, Indices
 from losbench.imaging.flags import Cut, judged
 from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
 from losbench.imaging.results import Measured, SpotFlag
-from losbench.imaging.scrutiny import Looked, asks, look_into, lopsided
+from losbench.imaging.scrutiny import OF_PEAK, Looked, asks, look_into, lopsided
 from losbench.imaging.stamps import RING, cut_stamps
 
 __all__ = ["Scene", "look_again"]
@@ -41,8 +41,10 @@ def look_again(
     another spot, of the windows that have ``settled`` (M,).
     """
     settled = settled & np.isfinite(result.xy).all(axis=1)
-    # A spot whose own light lies in the ring is told so, and its wings are no outliers.
-    outlying = (cut.plane.outlier > _OUTLIER) & (result.flags & SpotFlag.RING == 0)
+    # Pixels below 1 % of the peak may be wings of the spot, and make no neighbour worth a flag.
+    height = cut.peak - cut.plane.level
+    least = np.maximum(_OUTLIER * cut.plane.scatter, 0.5 * OF_PEAK * height)
+    outlying = (cut.plane.outlier * cut.plane.scatter > least) & (result.flags & SpotFlag.RING == 0)
     some = np.flatnonzero(settled & (asks(windows, fit) | outlying))
     if not some.size:
         return

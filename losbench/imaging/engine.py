@@ -110,9 +110,7 @@ class Engine:
         windows = Windows(cut.signal, self.window, here, middle, cut.noise, width, cut.kept)
         fit = self.method.measure(windows)
         result = judged(stack.shape[1:], middle, cut, fit)
-        scene = Scene(stack, frame, self.method, self.ring)
         if self.method.stays:
-            look_again(scene, cut, windows, fit, result, fit.converged)
             return result
 
         moved = np.nan_to_num(fit.centroid, posinf=0.0, neginf=0.0)
@@ -123,6 +121,7 @@ class Engine:
         again = (np.abs(moved).max(axis=1) > _OFF_CENTRE) & ~strayed & inside
         if not self.background.tilts:
             again &= ~fit.converged
+        scene = Scene(stack, frame, self.method, self.ring)
         look_again(scene, cut, windows, fit, result, ~again)
         if recuts and again.any():
             redone = self.measure(

@@ -20,7 +20,7 @@ class Grey:
     r"""Weigh the pixels of a window that stays where it is by grey value (liu2026, eq. 11-12).
 
     It takes a spot of any shape, but is pulled towards the middle of its window by the light that
-    the window's edge cuts off.
+    the window's edge cuts off. It looks for no bad pixel and no neighbour in the image.
 
     Parameters
     ----------

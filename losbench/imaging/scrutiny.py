@@ -17,7 +17,7 @@ from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.template import TemplateFit, fit_template
 from losbench.units import SIGMA_PER_MAD
 
-__all__ = ["UNEXPLAINED", "Looked", "asks", "look_into", "lopsided", "unexplained"]
+__all__ = ["OF_PEAK", "UNEXPLAINED", "Looked", "asks", "look_into", "lopsided", "unexplained"]
 
 
 _SURE = 5.5  # errors: one false pixel in some 10 000 windows
@@ -32,7 +32,7 @@ _LINE = 22.0  # errors of the mean of a row
 _LINE_SCATTERS = 4.0
 _MOST = 0.15  # of a window's pixels; where more stand out, it is the shape
 UNEXPLAINED = 0.3  # of the light; beyond it a template tells nothing of pixels
-_OF_PEAK = 0.02  # of light on one side only
+OF_PEAK = 0.02  # of light on one side only
 _OUTSIDE = 1.5  # sigma of the spot
 _LONE = 0.7  # of the light of 3 x 3 pixels in one of them
 
@@ -154,7 +154,7 @@ def lopsided(stamps: Pixels, kept: Pixels, windows: Windows, fit: TemplateFit) -
     arms = (offset - fit.centre[:, :, None]) / fit.width[:, :, None]
     far = arms[:, 1, :, None] ** 2 + arms[:, 0, None, :] ** 2 > _OUTSIDE**2
     peak = model.max(axis=(1, 2), keepdims=True)
-    more = (mean > _SURE * error) & (mean > _OF_PEAK * peak) & (highest < _LONE * 9.0 * mean) & far
+    more = (mean > _SURE * error) & (mean > OF_PEAK * peak) & (highest < _LONE * 9.0 * mean) & far
     return more[:, 1:-1, 1:-1].any(axis=(1, 2))
 
 
