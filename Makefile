@@ -51,8 +51,9 @@ class:  ## an archive for students, without the solutions: dist/losbench-class.z
 lab: $(READY)  ## open the notebooks in JupyterLab
 	$(RUN)/jupyter lab notebooks
 
-bench: $(BENCH_READY)  ## measure speed against peers, naive baselines and physical limits
-	@missed=0; for script in benchmarks/bench_*.py; do echo "== $$script"; $(ONE_THREAD) $(RUN)/python "$$script" || missed=1; done; exit $$missed
+bench: $(BENCH_READY)  ## measure speed against peers and limits: build/benchmarks.html and .json
+	@rm -rf build/benchmarks; missed=0; for script in benchmarks/bench_*.py; do echo "== $$script"; $(ONE_THREAD) $(RUN)/python "$$script" || missed=1; done; \
+	$(RUN)/python benchmarks/page.py; exit $$missed
 
 compare: $(BENCH_READY)  ## the benches of two commits in turns, five rounds (OLD=commit NEW=commit)
 	$(ONE_THREAD) $(RUN)/python benchmarks/compare.py $(OLD) $(NEW)

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from records import record
 from side_by_side import one_thread
 
 one_thread()
@@ -298,11 +299,13 @@ if __name__ == "__main__":
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--only", default="", help="rows whose name holds this")
     options = parser.parse_args()
-    missed, wrong = False, []
+    missed, wrong, rows = False, [], []
 
     def say(line: str) -> None:
         global missed
         missed |= line.endswith("MISSED")
+        what, _, verdict = line.rpartition("  ")
+        rows.append({"what": " ".join(what.split()), "verdict": verdict})
         print(line, flush=True)
 
     for place, case in enumerate(cases()):
@@ -321,4 +324,5 @@ if __name__ == "__main__":
     for place, (name, draw, density) in enumerate(metric_cases()):
         if options.only in name:
             say(judge_metrics(name, draw, density, options.runs, SEED + 100 + place))
+    record("coverage", rows)
     sys.exit(missed)

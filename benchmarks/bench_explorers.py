@@ -23,6 +23,7 @@ sys.path.insert(0, str(HERE.parent / "tests" / "browser"))
 
 from explorer_page import ExplorerPage  # noqa: E402
 from lab import CHROMIUM, WHY_NOT, chromium, jupyterlab, notebook  # noqa: E402
+from records import record  # noqa: E402
 
 from losbench.workbench import explorers  # noqa: E402
 from losbench.workbench.explorers import lab as scenes  # noqa: E402
@@ -254,6 +255,21 @@ def main() -> None:
                 {k: f"{v:.3g}" if isinstance(v, float) else v for k, v in asdict(r).items()}
                 for r in rows
             )
+    record(
+        "explorers",
+        [
+            {
+                "what": row.explorer,
+                "ours_us": 1e3 * row.median_ms,
+                "peer": "interact and plt.show",
+                "peer_us": 1e3 * row.plain_ms,
+                "ratio": row.ratio,
+                "target": f"at most {row.ratio_limit:g} times as long",
+                "verdict": row.verdict,
+            }
+            for row in rows
+        ],
+    )
     sys.exit(any(row.verdict == "MISSED" for row in rows))
 
 

@@ -5,34 +5,54 @@ The recordings share a few images: pages of a TIFF that point to one place, file
 """
 
 import hashlib
+import multiprocessing
 import os
+import resource
+import signal
+import struct
+import subprocess
 import sys
 import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
 import numpy as np
 import tifffile
-from side_by_side import in_turn, one_thread, report, within
+from side_by_side import Row, in_turn, one_thread, report, within
 
-SHAPE, IMAGES, FRAMES, ROUNDS = (1080, 1920), 8, 32, 7
+import losbench as lb
+from losbench.imaging.methods import as_background, as_method
+from losbench.recording.starts import first_places
+from losbench.recording.survey import survey
+from losbench.recording.work import Job
+
+SHAPE, IMAGES, FRAMES, ROUNDS, LONG, MOST_MB = (1080, 1920), 8, 32, 7, 4000, 250.0
 SPOTS = np.array([[690.3, 539.1], [1229.8, 538.6]])
 DETECTOR = {"gain_e_per_dn": 4.0, "read_noise_e": 5.0, "offset_dn": 100.0, "bits": 12}
 
 
 def images() -> np.ndarray:
-    import losbench as lb
-
+    """Eight images of a slow drift, of which the last four have jumped; and one without a spot."""
     detector = lb.Detector(**DETECTOR)
-    drift = np.linspace(0, 0.5, IMAGES)[:, None, None]
-    light = lb.render_spots(SPOTS + drift, 2e5, 2.0, SHAPE) + 40.0
-    return detector.expose(light, 1)
+    places = SPOTS + np.linspace(0, 0.5, IMAGES)[:, None, None]
+    places[IMAGES // 2 :, :, 0] += 6.0
+    light = lb.render_spots(places, 2e5, 2.0, SHAPE) + 40.0
+    lost = lb.render_spots(places[0, :1], 2e5, 2.0, SHAPE) + 40.0
+    return detector.expose(np.concatenate([light, lost[None]]), 1)
+
+
+def image_of(k: int, count: int) -> int:
+    """Which image frame k shows: a jump halfway, and the second spot lost for a while before."""
+    lost = count // 4 <= k < count // 4 + 10
+    return IMAGES if lost else k % (IMAGES // 2) + IMAGES // 2 * (k >= count // 2)
 
 
 def long_tiff(path: Path, pages: np.ndarray, count: int) -> Path:
-    """A BigTIFF of ``count`` pages, of which every eighth shows the same image."""
-    import struct
-
+    """A BigTIFF of ``count`` pages that point to a few images."""
     with path.open("wb") as file:
         file.write(struct.pack("<2sHHHQ", b"II", 43, 8, 0, 0))
         places = []
@@ -44,7 +64,7 @@ def long_tiff(path: Path, pages: np.ndarray, count: int) -> Path:
         for k in range(count):
             tags = [
                 (256, 4, SHAPE[1]), (257, 4, SHAPE[0]), (258, 3, 16), (259, 3, 1),
-                (262, 3, 1), (273, 16, places[k % len(places)]), (277, 3, 1), (279, 16, size),
+                (262, 3, 1), (273, 16, places[image_of(k, count)]), (277, 3, 1), (279, 16, size),
             ]  # fmt: skip
             file.write(struct.pack("<Q", len(tags)))
             for tag, kind, value in tags:
@@ -81,29 +101,23 @@ def reading_alone(path: Path, kind: str, room: np.ndarray) -> None:
             file.readinto(room)
 
 
-def job_of(path: Path):
-    import losbench as lb
-    from losbench.imaging.methods import as_background, as_method
-    from losbench.recording.starts import first_places
-    from losbench.recording.survey import survey
-    from losbench.recording.work import Job
-
+def job_of(path: Path) -> Job:
     recording = lb.read_recording(path, detector=lb.Detector(**DETECTOR))
     under, stamp = as_background("ring"), recording.stamps[0]
     (start,) = first_places(recording, SPOTS)
     return Job(recording, (survey(recording, stamp, start, as_method("eiwa", {}), under),), under)
 
 
-def costs(folder: Path) -> list:
-    pages, room = images(), np.empty(SHAPE, np.uint16)
-    np.save(folder / "stack.npy", np.concatenate([pages] * (FRAMES // IMAGES)))
+def costs(folder: Path, pages: np.ndarray) -> Iterator[Row]:
+    """A frame measured beside its page read, for four formats."""
+    room = np.empty(SHAPE, np.uint16)
+    np.save(folder / "stack.npy", np.concatenate([pages[:IMAGES]] * (FRAMES // IMAGES)))
     kinds = {
         "npy": folder / "stack.npy",
-        "long TIFF": long_tiff(folder / "long.tif", pages, 4000),
+        "long TIFF": folder / "long.tif",
         "TIFF folder": folder_of(folder / "tiff", pages, FRAMES, ".tif"),
         "PNG folder": folder_of(folder / "png", pages, FRAMES, ".png"),
     }
-    rows = []
     for kind, path in kinds.items():
         job = job_of(path)
         last = job.recording.n_frames
@@ -112,18 +126,137 @@ def costs(folder: Path) -> list:
             lambda path=path, kind=kind: reading_alone(path, kind, room),
             ROUNDS if kind != "PNG folder" else 2,
         )
+        yield within(
+            f"{kind}: a frame measured", ours / FRAMES, "its page read", alone / FRAMES, 1.3
+        )
+    whole, job = lb.read_recording(kinds["npy"]).stamps[0], job_of(kinds["npy"])
+
+    def as_before() -> None:
+        for k in range(0, FRAMES, 8):
+            seen = whole.read(k, k + 8, skip=False).frames
+            lb.centroid(seen, job.surveys[0].path[0], method=job.surveys[0].method)
+
+    ours, before = in_turn(lambda: job(0, FRAMES), as_before, ROUNDS)
+    yield within("npy: a frame measured", ours / FRAMES, "of whole frames", before / FRAMES, 0.65)
+
+
+def sha(measured: lb.Measurement) -> str:
+    return hashlib.sha256(measured.table.to_csv(float_format="%.17g").encode()).hexdigest()
+
+
+def measured(path: Path, **run: object) -> str:
+    recording = lb.read_recording(path, detector=lb.Detector(**DETECTOR))
+    return sha(lb.measure(recording, spots=SPOTS, run=lb.Run(**run)))
+
+
+def spent(who: str, work: Callable[[], str], alone: tuple[str, float, float] | None) -> tuple:
+    """Run, print and return the table's sha256, wall and processor time, workers included."""
+    wall, processor = time.perf_counter(), sum(os.times()[:4])
+    found = work()
+    wall, processor = time.perf_counter() - wall, sum(os.times()[:4]) - processor
+    same = alone is None or found == alone[0]
+    faster = "" if alone is None else f"   {alone[1] / wall:.2f} times as fast"
+    print(
+        f"{LONG} frames, {who:28s} {wall:6.1f} s, processor {processor:6.1f} s{faster}   "
+        f"{'the same bytes' if same else 'OTHER BYTES: MISSED'}"
+    )
+    return found, wall, processor
+
+
+def with_pool(path: Path, pool: Executor, **run: object) -> str:
+    with pool as executor:
+        return measured(path, executor=executor, **run)
+
+
+def with_dask(path: Path, *, kill: bool) -> str:
+    from distributed import Client, LocalCluster
+
+    with (
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        if kill:
+            victim = next(iter(client.run(os.getpid).values()))
+            threading.Timer(0.5, os.kill, (victim, signal.SIGKILL)).start()
+        return measured(path, executor=client.get_executor(), chunk=32)
+
+
+def killed_and_resumed(path: Path, folder: Path) -> str:
+    """End a process in its midst, damage one part of what it kept, and go on."""
+    out = folder / "parts"
+    command = [sys.executable, __file__, "--measure", str(path), str(out)]
+    process = subprocess.Popen(command)
+    while len(list(out.glob("part-*.npz"))) < 8 and process.poll() is None:
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    part = sorted(out.glob("part-*.npz"))[3]
+    part.write_bytes(part.read_bytes()[:-30])
+    return measured(path, out=out, resume=True)
+
+
+def one_table(folder: Path) -> list[dict]:
+    """The same bytes whoever measures, and what it takes."""
+    path, spawn = folder / "long.tif", multiprocessing.get_context("spawn")
+    ways = {
+        "chunk 32": lambda: measured(path, chunk=32),
+        "chunk 400": lambda: measured(path, chunk=400),
+        "two processes": lambda: with_pool(path, ProcessPoolExecutor(2, mp_context=spawn)),
+        "four processes": lambda: with_pool(path, ProcessPoolExecutor(4, mp_context=spawn)),
+        "two threads": lambda: with_pool(path, ThreadPoolExecutor(2)),
+        "dask, two workers": lambda: with_dask(path, kill=False),
+        "dask, one of two killed": lambda: with_dask(path, kill=True),
+        "killed, damaged, resumed": lambda: killed_and_resumed(path, folder),
+    }
+    alone = spent("one process", lambda: measured(path), None)
+    rows = []
+    for who, work in ways.items():
+        found, wall, _ = spent(who, work, alone)
         rows.append(
-            within(f"{kind}: a frame measured", ours / FRAMES, "its page read", alone / FRAMES, 1.3)
+            {
+                "what": f"{LONG} frames, {who}",
+                "ours_us": 1e6 * wall,
+                "peer": "one process, wall time",
+                "peer_us": 1e6 * alone[1],
+                "ratio": wall / alone[1],
+                "target": "the same bytes",
+                "verdict": "ok" if found == alone[0] else "MISSED",
+            }
         )
     return rows
 
 
-def sha(measured) -> str:
-    return hashlib.sha256(measured.table.to_csv(float_format="%.17g").encode()).hexdigest()
+def memory(folder: Path, pages: np.ndarray) -> dict:
+    """The most memory of a process that measures 10 000 pages, 41 GB."""
+    path = long_tiff(folder / "longest.tif", pages, 10_000)
+    start = time.perf_counter()
+    subprocess.run(
+        [sys.executable, __file__, "--measure", str(path), str(folder / "x")], check=True
+    )
+    held = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+    print(f"41 GB in 10 000 pages: {time.perf_counter() - start:.1f} s, {held:.0f} MB at most")
+    verdict = "ok" if held <= MOST_MB else "MISSED"
+    return {
+        "what": f"41 GB in 10 000 pages: {held:.0f} MB",
+        "target": f"at most {MOST_MB:g} MB",
+        "verdict": verdict,
+    }
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder, pages = Path(name), images()
+        flat = memory(folder, pages)
+        long_tiff(folder / "long.tif", pages, LONG)
+        rows = list(costs(folder, pages))
+        report("measure", rows, more=[flat, *one_table(folder)])
 
 
 if __name__ == "__main__":
-    one_thread()
-    with tempfile.TemporaryDirectory() as name:
-        report("measure", costs(Path(name)))
-    sys.exit()
+    if sys.argv[1:2] == ["--measure"]:
+        measured(Path(sys.argv[2]), out=sys.argv[3])
+    else:
+        one_thread()
+        main()

@@ -5,9 +5,12 @@ import csv
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
+
+from records import record
 
 
 @dataclass(frozen=True)
@@ -68,8 +71,16 @@ def within(what: str, ours_s: float, limit: str, limit_s: float, at_most: float)
     )
 
 
-def report(name: str, rows: list[Row]) -> None:
-    """Print the table, save it with --save, and leave with 1 if a target was missed."""
+def report(
+    name: str,
+    rows: list[Row],
+    *,
+    more: Sequence[Mapping[str, Any]] = (),
+    growths: Sequence[Mapping[str, Any]] = (),
+) -> None:
+    """Print the table, record it for the page with what is no comparison of times, save it with
+    --save, and leave with 1 if a target was missed.
+    """
     parser = argparse.ArgumentParser()
     parser.add_argument(
         "--save", action="store_true", help="write the table to benchmarks/baselines"
@@ -80,6 +91,8 @@ def report(name: str, rows: list[Row]) -> None:
             f"{row.what:34s} {row.ours_us:9.2f} us   {row.peer:42s} {row.peer_us:9.1f} us"
             f"   ratio {row.ratio:7.2f}   {row.target}: {row.verdict}"
         )
+    found = [*map(asdict, rows), *more]
+    record(name, found, growths)
     if options.save:
         path = Path(__file__).parent / "baselines" / f"{name}.csv"
         path.parent.mkdir(exist_ok=True)
@@ -91,7 +104,7 @@ def report(name: str, rows: list[Row]) -> None:
                 for row in rows
             ]
             table.writerows(rounded)
-    sys.exit(any(row.verdict == "MISSED" for row in rows))
+    sys.exit(any(row.get("verdict") == "MISSED" for row in found))
 
 
 def one_thread() -> None:
