@@ -146,7 +146,8 @@ class Cell:
                 raise ValueError(f"trial must return numbers, got {name} of {values.dtype}")
             names += [_label(name, place) for place in np.ndindex(*values.shape[1:])]
             rows.append(values.reshape(len(values), -1).T)
-        together = np.concatenate(rows, dtype=np.float64)
+        together = np.empty((len(names), len(values)))  # row by row, whatever order came
+        np.concatenate(rows, out=together)
         centre, unit = middle or (None, None)
         return cls(tuple(names), Summary.of(together, unconverged, centre=centre, spread=unit))
 

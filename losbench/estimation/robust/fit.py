@@ -23,6 +23,7 @@ from losbench.estimation.robust.problem import (
     gram,
     read_problem,
     spd_inverse,
+    times_unit,
 )
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import Scale, ScaleRule, known_scale
@@ -319,7 +320,7 @@ def as_fit(
     with np.errstate(over="ignore", under="ignore"):
         return RobustFit(
             x=problem.unknowns(z).reshape(*batch, p),
-            residuals=(residuals * problem.y_unit[:, None]).reshape(*batch, n),
+            residuals=times_unit(residuals, problem.y_unit).reshape(*batch, n),
             weights=weights.reshape(*batch, n),
             scale=(scale * problem.y_unit).reshape(batch),
             cov=lambda: (cov() if callable(cov) else cov).reshape(*batch, p, p),

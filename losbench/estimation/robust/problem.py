@@ -30,6 +30,7 @@ __all__ = [
     "project",
     "read_problem",
     "spd_inverse",
+    "times_unit",
     "unused",
 ]
 
@@ -79,7 +80,7 @@ class Problem:
 
     def unknowns(self, z: Floats) -> Floats:
         """Unknowns in the user's units at coordinates ``z`` (B, p)."""
-        return _times_unit(combine(z, np.swapaxes(self.to_x, 1, 2)), self.x_unit)
+        return times_unit(combine(z, np.swapaxes(self.to_x, 1, 2)), self.x_unit)
 
     def coordinates(self, fitted: Floats) -> Floats:
         """Coordinates in the basis of fitted values A x (B, n) in the user's units."""
@@ -280,7 +281,7 @@ def _adjugate(packed: Floats) -> tuple[Floats, Floats, Floats]:
     )
 
 
-def _times_unit(values: Floats, unit: Floats) -> Floats:
+def times_unit(values: Floats, unit: Floats) -> Floats:
     """Values (B, k) times units (B,), which are nearly always 1."""
     return values if (unit == 1.0).all() else values * unit[:, None]
 
