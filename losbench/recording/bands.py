@@ -26,23 +26,29 @@ class Bands:
     spans : sequence of (first, last), or None
         The rows; None for all.
     above : (n,) array
+    low, high : (n,) arrays
+        Rows between which each spot may be looked for in them.
     """
 
     spans: Spans | None
     above: Floats
+    low: Floats
+    high: Floats
 
     @classmethod
     def around(cls, places: Floats, window: int | None, side: int | None, rows: int) -> Self:
         """Rows that the windows of spots (F, n, 2) and the rings around ``side`` pixels can come
         upon: a spot sees neither an end of its band, unless it is the frame's, nor another band.
         """
-        whole = cls(None, np.zeros(places.shape[1]))
+        nothing = np.zeros(places.shape[1])
+        whole = cls(None, nothing, nothing - np.inf, nothing + np.inf)
         if window is None:
             return whole
         # Half a window each way to look for a peak, to move, and to see; then the ring around it.
         reach = max(2, window // 4) + window + max(window, side or 0) // 2 + RING + _SPARE
-        first = np.clip(np.floor(places[..., 1].min(axis=0)) - reach, 0, rows).astype(int)
-        last = np.clip(np.ceil(places[..., 1].max(axis=0)) + reach + 1, 0, rows).astype(int)
+        low, high = places[..., 1].min(axis=0), places[..., 1].max(axis=0)
+        first = np.clip(np.floor(low) - reach, 0, rows).astype(int)
+        last = np.clip(np.ceil(high) + reach + 1, 0, rows).astype(int)
         spans: list[tuple[int, int]] = []
         for begin, end in sorted(zip(first.tolist(), last.tolist(), strict=True)):
             if spans and begin <= spans[-1][1]:
@@ -54,7 +60,11 @@ class Bands:
             return whole
         left_out = np.array([begin for begin, _ in spans]) - np.cumsum(read) + read
         band = np.searchsorted([end for _, end in spans], first, side="right")
-        return cls(spans, left_out[band].astype(np.float64))
+        return cls(spans, left_out[band].astype(np.float64), low - _SPARE, high + _SPARE)
+
+    def hold(self, xy: Floats) -> bool:
+        """Whether spots may be looked for at the places (n, 2) of the frame."""
+        return bool(((self.low <= xy[:, 1]) & (xy[:, 1] <= self.high)).all())
 
     def within(self, xy: Floats) -> Floats:
         """Return places (..., n, 2) of the frame in the bands."""

@@ -52,12 +52,17 @@ def measured(
     if len(frames) > 1 and not track.stays_near(expected, good, max(2, seen.window // 4) - 0.5):
         steps, at = [], expected[0]
         for k in range(len(frames)):
-            if good[k]:
-                whole = stamp.read(first + k, first + k + 1, skip=recording.skip_unreadable)
-                steps.append(_track(see(whole.frames, at), whole.good))
-                at = steps[-1].last_seen(at)
-            else:
+            if not good[k]:
                 steps.append(_unseen(1, len(at)))
+                continue
+            if bands.hold(at):
+                step = _track(see(frames[k : k + 1], bands.within(at)), good[k : k + 1])
+                step = replace(step, xy=bands.outside(step.xy))
+            else:
+                whole = stamp.read(first + k, first + k + 1, skip=recording.skip_unreadable)
+                step = _track(see(whole.frames, at), whole.good)
+            steps.append(step)
+            at = step.last_seen(at)
         track = Track.one_after_another(steps)
     return replace(track, skipped=read.skipped)
 

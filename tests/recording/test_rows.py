@@ -158,9 +158,12 @@ def test_bands_are_what_a_window_and_its_ring_can_reach():
     inside = bands.within(np.round(places))
     assert rows[inside[..., 1].astype(int)].tolist() == np.round(places[..., 1]).tolist()
     np.testing.assert_array_equal(bands.outside(inside), np.round(places))
+    assert bands.hold(places[0] + [50.0, 4.0]) and bands.hold(places[1] - [50.0, 4.0])
+    assert not bands.hold(places[1] + [0.0, 4.1]) and not bands.hold(places[0] - [0.0, 4.1])
     one = Bands.around(places[:, ::-1], 13, 25, 150)  # the second beyond the frame
     assert Bands.around(places[:, 1:], 13, 25, 120).spans is None is one.spans
-    assert Bands.around(places, None, None, 400).spans is None
+    whole = Bands.around(places, None, None, 400)
+    assert whole.spans is None and whole.hold(places[0] + 1e4)
 
 
 PLAIN = {"photometric": "minisblack"}
