@@ -62,7 +62,7 @@ def declared(*extras):
     [
         ("losbench", ["fits", "hdf5", "tiff", "cluster"]),
         ("tests", ["fits", "hdf5", "tiff", "test", "cluster", "data", "browser"]),
-        ("benchmarks", ["fits", "hdf5", "test", "mutants", "bench"]),
+        ("benchmarks", ["fits", "hdf5", "test", "mutants", "bench", "cluster"]),
         ("data", ["data"]),
     ],
 )
