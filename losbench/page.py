@@ -255,7 +255,8 @@ def _shown(made: Made) -> list[list[str]]:
 def _cell(value: object) -> str:
     if isinstance(value, float):
         return "" if value != value else f"{value:.4g}"
-    return escape(str(value))
+    # A sum or a path may break where it must: it would make its table wider than a sheet.
+    return re.sub(r"([^\s&;]{16})(?=[^\s&;]{16})", r"\1<wbr>", escape(str(value)))
 
 
 def _id(text: str) -> str:

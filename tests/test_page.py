@@ -17,7 +17,7 @@ BAD = "<script>alert(1)</script> \" ' & $T_1$"
 class Checked(HTMLParser):
     """Every element is closed in turn; addresses, names and ids are gathered."""
 
-    VOID = ("meta", "br", "img", "link")
+    VOID = ("meta", "br", "wbr", "img", "link")
 
     def __init__(self, text):
         super().__init__()

@@ -115,6 +115,9 @@ def _doubts(told: Told) -> list[str]:
     lines = [] if of_scatter.endswith(": as predicted.") else [of_scatter]
     if any(survey.doubts for survey in told.measurement.surveys):
         lines.append("The frames contradict the detector.")
+    untold = _untold(told)
+    if untold:
+        lines.append(f"About {', '.join(untold)} the lag, and so the sensitivity, is not told.")
     marked = np.count_nonzero(told.measurement.flags) / belief.n_centroids
     if marked > _MARKED:
         lines.append(f"{100 * marked:.0f} % of the centroids carry a flag.")
@@ -127,15 +130,17 @@ def _doubts(told: Told) -> list[str]:
     return lines
 
 
+def _untold(told: Told) -> list[str]:
+    """Axes whose lag behind the temperature the record does not tell."""
+    states = [] if told.sensitivity is None else told.sensitivity.lag_state
+    return [AXES[a] for a, state in zip(AXES, states, strict=False) if state == "not identifiable"]
+
+
 def _changes(told: Told) -> list[str]:
     """What would change the numbers, the most telling first."""
     measurement, fit, lines = told.measurement, told.sensitivity, []
     if fit is not None:
-        untold = [
-            AXES[a]
-            for a, state in zip(AXES, fit.lag_state, strict=True)
-            if state == "not identifiable"
-        ]
+        untold = _untold(told)
         if untold:
             lines.append(
                 f"A longer record: about {', '.join(untold)} it does not tell how far the angle "
