@@ -83,6 +83,10 @@ class SpotFlag(IntFlag):
         1024,
         "Fewer than three frames, and no detector: the error leaves out the spot's shot noise.",
     )
+    FOUND_AGAIN = (
+        2048,
+        "The spot was not where the recording led to expect it, and was found elsewhere.",
+    )
 
     @classmethod
     def table(cls) -> str:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from losbench.arrays import Bools
+from losbench.arrays import Bools, Floats
 from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
 from losbench.imaging.results import Centroids, SpotFlag
+from losbench.recording.acquire import elsewhere
 from losbench.recording.bands import Bands
 from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
@@ -64,7 +68,35 @@ def measured(
             steps.append(step)
             at = step.last_seen(at)
         track = Track.one_after_another(steps)
+    for k in np.flatnonzero(good & np.isnan(track.xy[..., 0]).any(axis=1)).tolist():
+        whole = stamp.read(first + k, first + k + 1, skip=recording.skip_unreadable)
+        _look_again(track, k, whole.frames, expected[k], survey, see)
     return replace(track, skipped=read.skipped)
+
+
+def _look_again(
+    track: Track,
+    k: int,
+    frames: NDArray[Any],
+    expected: Floats,
+    survey: Survey,
+    see: Callable[..., Centroids],
+) -> None:
+    """Put the spots that frame ``k`` of a track lacks, and a whole frame (1, rows, columns) shows
+    elsewhere, into the track.
+    """
+    lost = np.isnan(track.xy[k, :, 0])
+    again = elsewhere(
+        frames,
+        np.where(lost[:, None], expected, track.xy[k]),
+        lost,
+        survey.known,
+        see,
+    )
+    if again is not None:
+        met = np.isfinite(again.xy[0, :, 0])
+        track.xy[k, met], track.sigma[k, met] = again.xy[0, met], again.sigma_xy[0, met]
+        track.flags[k, met] = again.flags[0, met] | SpotFlag.FOUND_AGAIN
 
 
 def _track(seen: Centroids, good: Bools) -> Track:

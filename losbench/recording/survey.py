@@ -4,7 +4,8 @@ be expected, and how each is measured.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.results import SpotFlag
 from losbench.imaging.sizes import window_in_first
 from losbench.imaging.stamps import RING, cut_stamps
+from losbench.recording.acquire import Known, elsewhere, strangers
 from losbench.recording.contradiction import contradictions
 from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
@@ -58,6 +60,10 @@ class Survey:
         Where they contradict it.
     reason : str
         Why this method, where `AutoCentroid` chose it.
+    flux : (n,) array, DN
+        Median light of each spot.
+    strangers : (m, 2) array, pixels of the stamp
+        What else stood in the first frame.
     """
 
     frames: Ints
@@ -68,6 +74,13 @@ class Survey:
     found: Gain = _UNKNOWN
     doubts: tuple[str, ...] = ()
     reason: str = ""
+    flux: Floats = field(default_factory=lambda: np.array(np.nan))
+    strangers: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+
+    @property
+    def known(self) -> Known:
+        """What a spot that is lost can be told by."""
+        return Known(self.start, self.method.window or 0, self.flux, self.strangers)
 
     def predicted(self, first: int, last: int) -> Floats:
         """Where the spots are to be expected in frames ``first`` to ``last`` (excluded), (F, n, 2):
@@ -109,6 +122,7 @@ def survey(
     nodes = evenly(n, max(_MOST, -(-(n - 1) // _EVERY) + 1))
     how = replace(method, centre=method.centre or "peak")
     path = np.full((len(nodes), *start.shape), np.nan)
+    flux, others = np.full(path.shape[:2], np.nan), np.zeros((0, 2))
     close: dict[int, Pixels] = {}
     last, look, side, reach, looked = start, how, 0, 0, np.array([], dtype=np.intp)
     for node, k in enumerate(nodes.tolist()):
@@ -119,19 +133,27 @@ def survey(
             side = how.window or window_in_first(read.frames[0], last)
             how = replace(how, window=side)
             look = _on_the_way(how, side)
+            others = strangers(read.frames[0], last, side)
             reach = max(side, background.side or 0) // 2 + RING + _MARGIN
             room = max(3, _KEPT // (len(start) * (2 * reach + 1) ** 2))
             looked = evenly(len(nodes), min(_MOST, room))
-        seen = centroid(
-            read.frames,
-            last,
+        see = partial(
+            centroid,
             method=look,
             background=background,
             detector=recording.detector or Gain(0.0, np.inf, step_of(read.frames)),
             full_scale_dn=recording.full_scale_dn,
         )
-        lost = seen.flags[0] & SpotFlag.NOT_CONVERGED > 0
+        seen = see(read.frames, last)
+        lost = (seen.flags[0] & SpotFlag.NOT_CONVERGED > 0) | np.isnan(seen.xy[0, :, 0])
         path[node] = np.where(lost[:, None], np.nan, seen.xy[0])
+        flux[node] = np.where(lost, np.nan, seen.flux[0])
+        if lost.any() and node:
+            at = np.where(lost[:, None], last, path[node])
+            light = _median(flux[:node])
+            again = elsewhere(read.frames, at, lost, Known(start, side, light, others), see)
+            if again is not None:
+                path[node] = np.where(np.isfinite(again.xy[0]), again.xy[0], path[node])
         last = np.where(np.isnan(path[node]), last, path[node])
         if node in looked:
             close[node] = side_by_side(read.frames, path[node], reach)
@@ -157,7 +179,15 @@ def survey(
         how, reason = replace(seen.method or how, centre=look.centre), seen.reason
         if how.template:
             how = replace(how, width=seen.width_px)
-    return Survey(nodes, path, start, how, noise, found, tuple(doubts), reason)
+    return Survey(
+        nodes, path, start, how, noise, found, tuple(doubts), reason, _median(flux), others
+    )
+
+
+def _median(flux: Floats) -> Floats:
+    """Median light (n,) of the frames (K, n) that show each spot, NaN where none does."""
+    seen = np.isfinite(flux).any(axis=0)
+    return np.where(seen, np.nanmedian(np.where(seen, flux, 0.0), axis=0), np.nan)
 
 
 def _open(method: CentroidMethod) -> bool:
