@@ -58,12 +58,17 @@ def main() -> None:
     ]
     A = np.random.default_rng(1).standard_normal((8, 3))
 
+    def least(size):
+        y = np.random.default_rng(2).standard_normal((size, 8))
+        return lambda: lb.lstsq(A, y)
+
     def fits(size):
         y = np.random.default_rng(2).standard_normal((size, 8))
         return lambda: lb.irls(A, y, on_fail="ignore")
 
     growths = [
         growth("study of Fig. 1", "trials", (1000, 10_000, 100_000, 1_000_000), of_size),
+        growth("lstsq of 8 x 3", "systems", (100, 1000, 10_000, 100_000), least),
         growth("irls of 8 x 3", "systems", (100, 1000, 10_000, 100_000), fits),
     ]
     report("study", rows, more=more, growths=growths)
