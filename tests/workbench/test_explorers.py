@@ -22,8 +22,10 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from PIL import Image
 
+import losbench as lb
 from losbench.workbench.explorers import (
     CentroidExplorer,
+    ChainExplorer,
     InertialExplorer,
     IRLSExplorer,
     MonteCarloExplorer,
@@ -46,6 +48,7 @@ from losbench.workbench.explorers.controls import (
 
 EXPLORERS = [
     CentroidExplorer,
+    ChainExplorer,
     InertialExplorer,
     IRLSExplorer,
     MonteCarloExplorer,
@@ -186,6 +189,11 @@ RESULT = {
         n["seen"]["found"].xy[0, 0] - n["_TRUTH"],
         ".2f",
         "error of this frame",
+    ),
+    ChainExplorer: lambda n: (
+        n["seen"]["errors_arcsec"]["Huber"],
+        "+.3f",
+        "error X · Y · Z (″), Huber",
     ),
     InertialExplorer: lambda n: (
         [
@@ -619,3 +627,76 @@ def test_a_choice_that_is_not_offered_is_named():
         ValueError, match=r"rows of A must be one of 'paper', 'pinhole', got 'exact'"
     ):
         MonteCarloExplorer(model="exact")
+
+
+def chain(**settings):
+    """What the chain shows at once: settings and numbers by label."""
+    with contextlib.closing(ChainExplorer(**settings)) as explorer:
+        cells = re.findall(r"<small>(.*?)</small><br>(.*?)</div>", explorer.numbers.value)
+        return explorer.experiment(**explorer.settings), dict(cells)
+
+
+def test_the_chain_shows_huber_beside_rlm_and_both_beside_least_squares():
+    for settings in ({}, {"layout": "table 2"}, {"sigma_y_px": 4.0, "frames": 50}):
+        seen, numbers = chain(**settings)
+        errors = seen["errors_arcsec"]
+        assert np.abs(errors["Huber"] - errors["RLM"]).max() < 1e-8
+        assert float(numbers["Huber − RLM (″)"]) < 1e-8
+        assert np.abs(errors["Huber"][:2]).max() < np.abs(errors["least squares"][:2]).max()
+
+
+def test_the_chain_without_bad_spots_keeps_its_promise():
+    inside = []
+    for seed in range(8):
+        with contextlib.closing(ChainExplorer(bad_percent=0, seed=seed)) as explorer:
+            seen = explorer.experiment(**explorer.settings)
+        sigma = np.sqrt(np.diag(seen["covariance_arcsec2"]))
+        inside += (seen["errors_arcsec"]["least squares"] / sigma).tolist()
+    assert 0.7 < np.std(inside) < 1.3  # 24 draws of one: 0.86 to 1.14 in two of three cases
+    assert np.abs(inside).max() < 4.0
+
+
+def test_the_chain_weighs_a_wide_direction_less():
+    seen, _ = chain(
+        sigma_x_px=1.5, sigma_y_px=4.0, window_px=25, bad_percent=0, read_noise_e=0, background_e=0
+    )
+    across, down = np.sqrt(np.diag(seen["covariance_arcsec2"]))[[1, 0]]
+    assert down > 2.0 * across
+
+
+def test_a_lost_spot_of_the_chain_stays_nan_and_leaves_no_row():
+    seen, numbers = chain(light_e=2.5e3, read_noise_e=20, frames=10)
+    lost = np.isnan(seen["found"].xy[..., 0])
+    assert 0 < lost.sum() < lost.size / 2
+    assert numbers["lost"] == f"{lost.sum()} of {lost.size}"
+    assert np.isnan(seen["huber"].residuals.ravel()).sum() == 2 * lost.sum()
+    assert np.abs(seen["errors_arcsec"]["Huber"] - seen["errors_arcsec"]["RLM"]).max() < 1e-8
+
+
+def test_the_chain_is_quick_only_while_a_page_watches_and_settles_after():
+    with contextlib.closing(ChainExplorer(frames=60)) as explorer:
+        final = explorer.view.png
+        put(explorer, frames=60)
+        assert explorer.view.png == final and not explorer.view.coarse
+        asked(explorer, look={"width": 840, "ratio": 1, "light": True})
+        asked(explorer, steps={"0": [1, 0]})
+        assert explorer.view.coarse and explorer.moving
+        assert "of 160" in explorer.numbers.value  # 20 of the 60 frames
+        asked(explorer, steps={"0": [-1, 0]})
+        asked(explorer, settle=True)
+        assert not explorer.view.coarse
+        assert "of 480" in explorer.numbers.value
+
+
+def test_the_chain_takes_a_camera_of_ones_own(tmp_path):
+    path = tmp_path / "camera.toml"
+    path.write_text(lb.Camera(focal_mm=500.0, pixel_um=5.0, shape=(500, 600)).to_toml())
+    seen, _ = chain(camera_file=str(path))
+    assert seen["camera"].shape == (500, 600)
+    assert seen["places"].max() < 600
+    with contextlib.closing(ChainExplorer()) as explorer:
+        put(explorer, camera_file="nowhere.toml")
+        assert "camera file must be &#x27;none&#x27; or the path" in explorer.message.value
+        path.write_text("focal_mm = 1\n")
+        put(explorer, camera_file=str(path))
+        assert "camera.toml" in explorer.message.value

@@ -27,6 +27,7 @@ _GRID = 15  # places along the longer side that a spot is tried at
 _FINER = (0.5, 0.25, 0.125, 0.0625)  # of that grid, around where a spot lies
 _PASSES = 12
 _STARTS = 6
+_LEVELS = (1.01, 1.02, 1.04, 1.08, 1.16, 1.32, 1.64, 2.3, 3.6)  # of a map, in what was found
 _HALF = 0.5 - 1e-9
 _SAFE = 0.49  # the few directions of the search miss up to a hundredth of a share
 
@@ -90,7 +91,8 @@ class SpotLayout:
         high, wide = self.camera.shape
         grid = np.meshgrid(np.linspace(0, wide - 1, 61), np.linspace(0, high - 1, 41))
         places = np.stack(grid, axis=-1)
-        lines = axes.contour(*grid, self.map(spot, places), levels=7, cmap="viridis")
+        levels = self.worst * np.array(_LEVELS)
+        lines = axes.contour(*grid, self.map(spot, places), levels=levels, cmap="viridis")
         axes.clabel(lines, fmt="%.3g", fontsize=8)
         if self.wanted_survives:
             rows = _rows(self.camera, self._with(spot, places), self.model)

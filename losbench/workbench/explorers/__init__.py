@@ -1,6 +1,7 @@
 """Explorers: sliders over a picture that follows them, one call each, for notebooks."""
 
 from losbench.workbench.explorers.centroid import CentroidExplorer
+from losbench.workbench.explorers.chain import ChainExplorer
 from losbench.workbench.explorers.inertial import InertialExplorer
 from losbench.workbench.explorers.irls import IRLSExplorer
 from losbench.workbench.explorers.montecarlo import MonteCarloExplorer
@@ -10,6 +11,7 @@ from losbench.workbench.explorers.thermoelastic import ThermoelasticExplorer
 
 __all__ = [
     "CentroidExplorer",
+    "ChainExplorer",
     "IRLSExplorer",
     "InertialExplorer",
     "MonteCarloExplorer",
