@@ -34,6 +34,7 @@ _RADIUS_MM, _FOCAL_MM = 4.6, 260.0
 _ROWS = 24_000  # of all draws together: what is solved while a slider moves
 _TURN = np.linspace(0.0, 2.0 * np.pi, 73)
 _WITHIN_95 = 2.4477  # radius, in sigmas, of the ellipse that holds 95 % of a normal distribution
+_FAR = 4.0  # standard deviations of skewness or kurtosis, beyond which a cloud is no normal one
 
 
 def spots_on_a_circle(n_spots: int) -> np.ndarray:
@@ -157,7 +158,7 @@ class IRLSExplorer(Explorer):
             )
         self._angles.plot(0.0, 0.0, "+", ms=12, color=COLOURS["black"], label="truth")
         self._angles.set(
-            title="all draws, 95 % ellipses", xlabel="X error (″)", ylabel="Y error (″)"
+            title="all draws; 95 % if normal", xlabel="X error (″)", ylabel="Y error (″)"
         )
         self._rows.locator_params(axis="x", nbins=3, integer=True)
         self._angles.locator_params(axis="x", nbins=2)
@@ -239,13 +240,20 @@ class IRLSExplorer(Explorer):
         for angles, cloud, ellipse in zip(found, self._clouds, self._ellipses, strict=True):
             cloud.set_data(angles[:, 0], angles[:, 1])
             ellipse.set_data(*_ellipse(angles[:, :2]))
-        wide, high = (round_up([line.get_data()[k] for line in self._ellipses]) for k in (0, 1))
+        every = np.abs(np.concatenate(found))
+        wide, high = (round_up(np.quantile(every[:, k], 0.99)) for k in (0, 1))
         self._angles.set(xlim=(-wide, wide), ylim=(-high, 1.25 * high))
 
 
 def _ellipse(points: Floats) -> Floats:
-    """Outline (2, k) that holds 95 % of a normal cloud of points (n, 2)."""
+    """Outline (2, k) that holds 95 % of a normal cloud of points (n, 2); NaN where the cloud is
+    skewed or has tails as no normal one has.
+    """
+    middle = points.mean(axis=0)[:, None]
     root = np.linalg.cholesky(np.cov(points.T) + 1e-24 * np.eye(2))
-    return points.mean(axis=0)[:, None] + _WITHIN_95 * root @ np.stack(
-        [np.cos(_TURN), np.sin(_TURN)]
-    )
+    round_cloud = np.linalg.solve(root, points.T - middle)
+    for power, normal, spread in ((3, 0.0, 6.0), (4, 3.0, 24.0)):
+        moment = np.mean(round_cloud**power, axis=1)
+        if np.abs(moment - normal).max() > _FAR * np.sqrt(spread / len(points)):
+            return np.full((2, len(_TURN)), np.nan)
+    return middle + _WITHIN_95 * root @ np.stack([np.cos(_TURN), np.sin(_TURN)])

@@ -8,6 +8,7 @@ row is asked for, so that a rule that changes changes every verdict it should.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -120,6 +121,18 @@ class Ledger(Findings):
             for row in self.rows(examined=True)
         ]
         return pd.DataFrame(rows, columns=["id", "quantity", "print", *columns]).set_index("id")
+
+    def figure(self, paper: str, figure: str) -> str:
+        """Return the line below a figure of a paper: the claims that were read off it.
+
+        >>> Ledger().figure("lyu2015", "Fig. 6")
+        'lyu2015, Fig. 6: claims inertial-20, inertial-21'
+        """
+        place = re.compile(rf"{re.escape(figure)}(?!\d)")
+        ids = [c.id for c in self.claims.values() if c.paper == paper and place.search(c.where)]
+        return f"{paper}, {figure}: " + (
+            f"claims {', '.join(ids)}" if ids else "no number of its own"
+        )
 
     def conflicts(self) -> pd.DataFrame:
         """Return the sets of prints that cannot hold together."""
