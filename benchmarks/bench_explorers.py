@@ -1,5 +1,5 @@
 """From slider to picture: every explorer beside plain ``interact`` and ``plt.show`` of the same
-figure, in a browser.
+figure, in a browser; from hand to picture; and what a step of the chain costs.
 
 Explorer and plain twin stand in one notebook and take turns, so that a busy moment meets both. A
 picture counts when it has been decoded and the next frame of the screen begins.
@@ -11,12 +11,14 @@ import os
 import statistics
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import nbformat
+import numpy as np
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tests" / "browser"))
@@ -25,6 +27,7 @@ from explorer_page import ExplorerPage  # noqa: E402
 from lab import CHROMIUM, WHY_NOT, chromium, jupyterlab, notebook  # noqa: E402
 from records import record  # noqa: E402
 
+import losbench as lb  # noqa: E402
 from losbench.workbench import explorers  # noqa: E402
 from losbench.workbench.explorers import lab as scenes  # noqa: E402
 from losbench.workbench.explorers.controls import LogSlider, Slider  # noqa: E402
@@ -89,7 +92,7 @@ WATCH = """() => {
     window.seen = {moves: [], pictures: []};
     const move = event => window.seen.moves.push(performance.now());
     document.addEventListener('keydown', move, true);
-    document.addEventListener('mousemove', move, true);
+    document.addEventListener('pointermove', move, true);
     document.addEventListener('load', event => {
         if (event.target.tagName !== 'IMG' || event.target.naturalWidth < 300) return;
         requestAnimationFrame(() => window.seen.pictures.push(performance.now()));
@@ -217,6 +220,91 @@ def measure(lab: Any, page: Any, name: str) -> Row:
     )
 
 
+def by_hand(lab: Any, page: Any) -> bool:
+    """Drag the big point of the first scene and its slider in turns; the last picture must come
+    soon after the last move of either.
+    """
+    lab.open(page, "Hand.ipynb")
+    lab.run_all(page)
+    scene = ExplorerPage(page)
+    page.evaluate(WATCH)
+    page.wait_for_timeout(QUIET_MS)
+    waits: dict[str, list[float]] = {"hand": [], "slider": []}
+
+    def pulled() -> None:
+        x, y = scene.middle("the big point")
+        page.mouse.move(x, y)
+        page.mouse.down()
+        for k in range(1, FINE + 1):
+            page.mouse.move(x + 2 * k, y + 2 * k)
+            page.wait_for_timeout(1e3 * DRAG_S / FINE)
+        page.mouse.up()
+
+    for _ in range(ROUNDS):
+        for name, drag in (("hand", pulled), ("slider", lambda: scene.drag(0, seconds=DRAG_S))):
+            scene.button("reset").click()
+            page.wait_for_timeout(2 * QUIET_MS)
+            waits[name].append(dragged(page, drag)[1])
+    hand, slider = (statistics.median(waits[name]) for name in ("hand", "slider"))
+    met = hand <= 400.0 and hand <= slider + 150.0
+    print(
+        f"last move of a hand to last picture {hand:.0f} ms (at most 400), of the slider {slider:.0f} ms "
+        f"(at most 150 less): {'ok' if met else 'MISSED'}"
+    )
+    return met
+
+
+def chain_costs() -> bool:
+    """Processor time of a step of the chain, 8 spots and 50 frames, while a hand moves; Huber beside
+    RLM; the fast count of bad spots beside the search, on 270 layouts.
+    """
+    chain = explorers.ChainExplorer(frames=50)
+    chain.ask({"look": {"width": 840, "ratio": 1, "light": True}})
+    took = []
+    for k in range(20):
+        begin = time.process_time()
+        chain.ask({"moves": {"2": [0.3 + 0.005 * k, 0.2]}})
+        took.append(1e3 * (time.process_time() - begin))
+    step = statistics.median(took)
+    errors = chain.experiment(**chain.settings)["errors_arcsec"]
+    apart = float(np.abs(errors["Huber"] - errors["RLM"]).max())
+    chain.close()
+    same, spent = 0, []
+    layouts = list(some_layouts(270, np.random.default_rng(0)))
+    for places in layouts:
+        points = np.column_stack([places, np.full(len(places), 260.0)])
+        begin = time.process_time()
+        fast = lb.bad_spots_survived(points)
+        spent.append(1e3 * (time.process_time() - begin))
+        labels = np.repeat(np.arange(len(points)), 2)
+        same += fast == lb.design_breakdown(lb.design_matrix(points), group=labels).monotone
+    count = statistics.median(spent)
+    met = step <= 60.0 and apart <= 1e-8 and same == len(layouts) and count <= 2.0
+    print(
+        f"chain, 8 spots x 50 frames: {step:.0f} ms of processor time a step (at most 60), "
+        f"Huber - RLM {apart:.0e} arcsec (at most 1e-8)\n"
+        f"bad spots survived: {count:.2f} ms (at most 2), as the search says in {same} of "
+        f"{len(layouts)} layouts: {'ok' if met else 'MISSED'}"
+    )
+    return met
+
+
+def some_layouts(count: int, rng: Any) -> Any:
+    """Spots (n, 2) in mm: anywhere, in a cluster, on a line, one far away, two clumps."""
+    for k in range(count):
+        n = int(rng.integers(2, 13))
+        places = rng.uniform(-5.0, 5.0, (n, 2))
+        if k % 5 == 1:
+            places = rng.normal(0.0, 0.5, (n, 2))
+        elif k % 5 == 2:
+            places = rng.uniform(-1.0, 1.0, (n, 1)) * np.array([[9.0, 5.0]])
+        elif k % 5 == 3:
+            places = np.vstack([[[9.0, 5.0]], rng.normal(0.0, 0.4, (n - 1, 2))])
+        elif k % 5 == 4:
+            places = np.where(np.arange(n)[:, None] % 2, 5.0, -5.0) + rng.normal(0.0, 0.15, (n, 2))
+        yield places
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument(
@@ -226,6 +314,7 @@ def main() -> None:
         "names", nargs="*", help="explorers to measure; by default the reference figure and all"
     )
     options = parser.parse_args()
+    kept = chain_costs()
     if CHROMIUM is None:
         sys.exit(print(WHY_NOT))
     names = options.names or ["Reference", *KINDS]
@@ -238,6 +327,13 @@ def main() -> None:
         for name in names:
             kind = REFERENCE if name == "Reference" else IMPORT.format(KINDS[name])
             nbformat.write(notebook(kind, "Kind()", TWIN), Path(folder) / f"{name}.ipynb")
+        nbformat.write(
+            notebook("from losbench.workbench.explorers.lab import DragPoint\nDragPoint()"),
+            Path(folder) / "Hand.ipynb",
+        )
+        with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
+            kept = by_hand(lab, context.new_page()) and kept
+        lab.delete_sessions()
         for name in names:
             with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
                 rows.append(measure(lab, context.new_page(), name))
@@ -270,7 +366,7 @@ def main() -> None:
             for row in rows
         ],
     )
-    sys.exit(any(row.verdict == "MISSED" for row in rows))
+    sys.exit(any(row.verdict == "MISSED" for row in rows) or not kept)
 
 
 if __name__ == "__main__":

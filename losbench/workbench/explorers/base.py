@@ -75,7 +75,7 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         self._begin = {name: each.value for name, each in self.inputs.items()}
         wide, high = self.size_in
         widest = 100 * wide * min(1.0, _HIGHEST_IN / high)
-        self.view = PictureView(self._answer, width=f"{widest:.0f}px", max_width="100%")
+        self.view = PictureView(self.ask, width=f"{widest:.0f}px", max_width="100%")
         self.message, self.numbers = widgets.HTML(), widgets.HTML()
         self.message.add_class("losbench-message")
         super().__init__([self._panel(), self.view, self.numbers])
@@ -244,7 +244,7 @@ class Explorer(widgets.VBox):  # type: ignore[misc]
         words = {"label": handle.label, "text": handle.text, "now": float(handle.x)}
         return {"x": float(left), "y": float(top), **words}
 
-    def _answer(self, question: Mapping[str, Any]) -> None:
+    def ask(self, question: Mapping[str, Any]) -> None:
         """Do what the page asks: another look, handles moved or stepped, all that was left out."""
         if self._picture is None:
             return
