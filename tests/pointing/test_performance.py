@@ -336,6 +336,19 @@ def test_a_wrong_budget_is_named(tmp_path, change, message):
         lb.PointingBudget.from_toml(path)
 
 
+@pytest.mark.parametrize("route", ["windows", "spectrum"])
+def test_windows_of_two_samples_have_no_jitter(route):
+    rng = np.random.default_rng(32)
+    t, y = 0.1 * np.arange(2000), rng.standard_normal(2000)
+    found = lb.pointing_metrics(y, t, 0.2, route=route)
+    assert np.isnan(found.jitter.value) and np.isnan(found.jitter.interval).all()
+    assert found.notes[0] == "Windows of two samples have no jitter: both lie on their line."
+    assert found.rpe.value == pytest.approx(np.sqrt(0.5), rel=0.1)
+    three = lb.pointing_metrics(y, t, 0.3, route=route)
+    assert three.jitter.value == pytest.approx(np.sqrt(1 / 3), rel=0.1)
+    assert not any("jitter: both" in note for note in three.notes)
+
+
 def test_uneven_times_are_said():
     rng = np.random.default_rng(31)
     t = 0.1 * np.arange(2000)

@@ -82,14 +82,16 @@ def test_pieces_count_in_the_spectrum_by_their_segments_and_short_ones_do_not():
 
 
 def test_a_window_of_two_samples_is_a_line():
-    """It smears by half their difference, and nothing is left to jitter: by both routes."""
+    """It smears by half their difference, and cannot tell of jitter: by both routes."""
     y = np.random.default_rng(4).standard_normal(20_000)
     for route, rtol in (("windows", 1e-12), ("spectrum", 0.02)):
         found = lb.pointing_metrics(y, np.arange(20_000.0), 2.0, route=route)
         expected = np.sqrt(np.mean(np.diff(y) ** 2)) / 2
         assert found.smear.value == pytest.approx(expected, rel=rtol)
         assert found.rpe.value == pytest.approx(expected, rel=rtol)
-        assert found.jitter.value < 1e-6
+        assert np.isnan(found.jitter.value)
+        need = lb.PointingRequirement("R1", "jitter", 1.0)
+        assert found.verdict(need) == ("not shown",)
 
 
 # How well a mean square is known

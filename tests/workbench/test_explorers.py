@@ -26,6 +26,7 @@ import losbench as lb
 from losbench.workbench.explorers import (
     CentroidExplorer,
     ChainExplorer,
+    IdentifyExplorer,
     InertialExplorer,
     IRLSExplorer,
     MonteCarloExplorer,
@@ -49,6 +50,7 @@ from losbench.workbench.explorers.controls import (
 EXPLORERS = [
     CentroidExplorer,
     ChainExplorer,
+    IdentifyExplorer,
     InertialExplorer,
     IRLSExplorer,
     MonteCarloExplorer,
@@ -62,6 +64,7 @@ DEJAVU = FontProperties(family="DejaVu Sans")
 EXPECTED_NOTES = (
     "with two spots per solve no outlier can be identified",
     "attitudes did not converge; their last iterate is kept",
+    "axes did not converge, see .converged",
 )
 
 
@@ -209,6 +212,11 @@ RESULT = {
         ".3g",
         "IRLS: RMS error",
     ),
+    IdentifyExplorer: lambda n: (
+        [n["seen"]["error_arcsec"]],
+        ".3f",
+        "error of folds left out",
+    ),
     MonteCarloExplorer: lambda n: (n["seen"].sigma_arcsec[0], ".3g", "RMS"),
     StarCameraExplorer: lambda n: (
         [n["seen"]["unbiased"].lsfe, n["seen"]["unbiased"].nea],
@@ -252,6 +260,24 @@ def test_the_code_runs_and_gives_the_numbers_shown(explorer):
     for preset in explorer.presets:
         explorer.preset(preset)
         assert_its_code_gives_its_numbers(explorer)
+
+
+def test_unseen_years_tell_a_model_from_a_fit_that_only_fits():
+    """What is there predicts to the noise; a season for the temperature, and a missing step, not."""
+    with contextlib.closing(IdentifyExplorer(noise_arcsec=0.1)) as explorer:
+        errors = {}
+        for name in ("all that is there", "season for temperature"):
+            explorer.preset(name)
+            errors[name] = run_copied(explorer)[0]["seen"]["error_arcsec"]
+        assert errors["all that is there"] == pytest.approx(0.1, rel=0.2)
+        assert errors["season for temperature"] > 0.5
+        explorer.preset("all that is there")
+        seen = run_copied(explorer)[0]["seen"]
+        low, high = seen["fit"].interval[0]
+        assert low < 0.6 < high
+        assert seen["judged"].baselines["last"] > seen["judged"].sigma
+        put(explorer, horizon="forward")
+        assert "cannot be predicted" in explorer.numbers.value
 
 
 def test_two_spots_and_one_frame_say_why_nothing_changes():

@@ -15,6 +15,7 @@ __all__ = ["Metric", "Record"]
 
 _NAMES = ("ape", "mpe", "rpe", "pde", "smear", "jitter")
 _FEWEST = 2.5  # degrees of freedom below which no interval is told
+_FOR_JITTER = 3  # samples of a window: two lie on their line, whatever they are
 _ROUNDING = 1e-15  # of the bias: what a mean of equal numbers may be off by
 _LINE = 0.25  # degrees of freedom by spectrum over those by windows, below which a line stands out
 
@@ -73,7 +74,7 @@ class Record:
 
     def _metric(self, name: str, axis: int, route: str) -> tuple[float, Floats, float]:
         nothing = (np.nan, np.full(2, np.nan), np.nan)
-        if name not in self.weights:
+        if name not in self.weights or (name == "jitter" and self.samples < _FOR_JITTER):
             return nothing
         frequency, density = self.density
         part = density[:, axis] * self.weights[name]
@@ -110,10 +111,16 @@ class Record:
 
     def notes(self) -> tuple[str, ...]:
         """What the reader of the metrics must know."""
+        short = (
+            ("Windows of two samples have no jitter: both lie on their line.",)
+            if self.samples < _FOR_JITTER
+            else ()
+        )
         if not self.conservative:
-            return ()
+            return short
         names = ", ".join(name for name in self.weights if name in self.conservative)
         return (
+            *short,
             f"The intervals of {names} are conservative: one line of the spectrum holds most of "
             "their power, and it is known better than noise of that width would be.",
         )

@@ -2,6 +2,7 @@
 
 from losbench.workbench.explorers.centroid import CentroidExplorer
 from losbench.workbench.explorers.chain import ChainExplorer
+from losbench.workbench.explorers.identify import IdentifyExplorer
 from losbench.workbench.explorers.inertial import InertialExplorer
 from losbench.workbench.explorers.irls import IRLSExplorer
 from losbench.workbench.explorers.montecarlo import MonteCarloExplorer
@@ -13,6 +14,7 @@ __all__ = [
     "CentroidExplorer",
     "ChainExplorer",
     "IRLSExplorer",
+    "IdentifyExplorer",
     "InertialExplorer",
     "MonteCarloExplorer",
     "StarCameraExplorer",

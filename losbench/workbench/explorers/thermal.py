@@ -73,6 +73,9 @@ def warm_up_and_fits(
         "least squares": lb.fit_sensitivity(
             run.room_degC, angles, time_s=when, lag_s=lag_s, method="ls", errors="white"
         ),
+        "every lag": lb.fit_sensitivity(
+            run.room_degC, angles, time_s=when, lag_s="fit", errors="white"
+        ),
     }
     return {"bench": bench, "run": run, "angles": angles, "fits": fits}
 
@@ -161,17 +164,20 @@ class ThermalExplorer(Explorer):
         """Warm the twin, and fit its angles as a function of temperature."""
         seen = self.experiment(**settings)
         bench, run, fits = seen["bench"], seen["run"], seen["fits"]
-        robust, plain = fits["IRLS"], fits["least squares"]
+        robust, plain, every = fits["IRLS"], fits["least squares"], fits["every lag"]
         laws = [
-            rad_to_arcsec(fit.predict(run.room_degC, time_s=run.time_s)) for fit in fits.values()
+            rad_to_arcsec(fit.predict(run.room_degC, time_s=run.time_s)) for fit in (robust, plain)
         ]
         self._show(run, rad_to_arcsec(seen["angles"]), *laws)
         rows = {
             "sensitivity, IRLS X · Y · Z (″/°C)": robust.k_arcsec_per_degC,
-            "… 95 % from": robust.k_interval_arcsec_per_degC[:, 0],
+            "… 95 % from, if this lag were the law": robust.k_interval_arcsec_per_degC[:, 0],
             "… to": robust.k_interval_arcsec_per_degC[:, 1],
             "… least squares": plain.k_arcsec_per_degC,
-            "… at rest, all nodes as warm as the room": np.sum(
+            "at rest, over every lag": every.k_at_rest_arcsec_per_degC,
+            "… 95 % from": every.k_interval_arcsec_per_degC[:, 0],
+            "… until": every.k_interval_arcsec_per_degC[:, 1],
+            "… the truth, all nodes as warm as the room": np.sum(
                 bench.sensitivity_arcsec_per_degC, axis=1
             ),
             "left after compensation, RMS (″)": rad_to_arcsec(robust.rms),
