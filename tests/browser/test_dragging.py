@@ -11,7 +11,7 @@ from lab import jupyterlab, notebook, raised
 
 pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
 
-KINDS = ("DragPoint", "YourLayout", "CentroidExplorer")
+KINDS = ("DragPoint", "YourLayout", "CentroidExplorer", "ChainExplorer")
 _IMPORT = (
     "from losbench.workbench.explorers import *\nfrom losbench.workbench.explorers.lab import *"
 )
@@ -75,17 +75,24 @@ def by_touch(page, explorer, label, right, down):
     touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
+def said(page, explorer, label, before):
+    """Return the words of a handle once they are others than before, and stay."""
+    now = before
+    for _ in range(40):
+        page.wait_for_timeout(500)
+        earlier, now = now, explorer.handle(label).get_attribute("aria-valuetext")
+        if before != now == earlier:
+            return now
+    raise AssertionError(f"{label} said {before} and says {now}")
+
+
 @pytest.mark.parametrize("way", [by_pointer, by_touch], ids=["pointer", "touch"])
 def test_the_picture_states_where_the_hand_has_put_the_point(page, way):
     scene = opened(page, "DragPoint")
     way(page, scene, "the big point", 80, 100)
     # 840 px wide: 16.7 px are 1 along x, 5.5 px 1 along y, to half a unit.
-    said = r"x (\d+\.?\d*), y (-?\d+\.?\d*)"
-    page.wait_for_timeout(800)
-    x, y = map(
-        float,
-        re.fullmatch(said, scene.handle("the big point").get_attribute("aria-valuetext")).groups(),
-    )
+    words = said(page, scene, "the big point", "x 9, y 16")
+    x, y = map(float, re.fullmatch(r"x (\d+\.?\d*), y (-?\d+\.?\d*)", words).groups())
     assert 9.0 + 80 / 17.5 - 0.8 < x < 9.0 + 80 / 15.5 + 0.8
     assert 16.0 - 100 / 5.0 - 0.8 < y < 16.0 - 100 / 6.5 + 0.8
     scene.wait_until_shown(f"its place along x {x:g}")
@@ -106,17 +113,28 @@ def test_arrow_keys_step_and_shift_steps_by_ten(page):
 def test_every_spot_of_a_layout_and_the_window_of_a_spot_can_be_dragged(page):
     layout = opened(page, "YourLayout")
     by_pointer(page, layout, "spot 3", 60, -20)
-    page.wait_for_timeout(800)
-    place = layout.handle("spot 3").get_attribute("aria-valuetext")
+    place = said(page, layout, "spot 3", "x 0.0, y 1.0")
     u, v = re.fullmatch(r"x (-?[\d.]+), y (-?[\d.]+)", place).groups()
     assert (float(u), float(v)) > (0.5, 1.0)
     layout.wait_until_shown(lambda: f"moved (spot u v, …) 3 {float(u):g} {float(v):g}")
     spot = opened(page, "CentroidExplorer")
     by_pointer(page, spot, "edge of the window", 10, 0)
-    page.wait_for_timeout(800)
-    said = spot.handle("edge of the window").get_attribute("aria-valuetext")
-    assert 21 <= int(said.split()[1]) <= 33
-    spot.wait_until_shown(said)
+    window = said(page, spot, "edge of the window", "window 19 px")
+    assert 21 <= int(window.split()[1]) <= 33
+    spot.wait_until_shown(window)
+
+
+def test_the_chain_follows_the_hand_and_settles_when_it_rests(page, screenshots):
+    chain = opened(page, "ChainExplorer")
+    before = chain.handle("spot 2").get_attribute("aria-valuetext")
+    by_pointer(page, chain, "spot 2", -60, 30)
+    counted = chain.box.locator("div", has_text=re.compile(r"^bad spots survived")).last
+    place = said(page, chain, "spot 2", before)
+    x, y = re.fullmatch(r"x (-?\d+), y (-?\d+)", place).groups()
+    chain.wait_until_shown(f"moved (spot x y, …) 2 {x} {y}")
+    assert re.search(r"\d of 8", counted.inner_text())
+    assert chain.box.bounding_box()["height"] <= 680
+    page.screenshot(path=screenshots / "chain.png")
 
 
 def test_what_is_typed_out_of_range_is_said_and_changes_nothing(page):
@@ -153,7 +171,9 @@ def test_the_picture_follows_the_theme_and_a_narrow_window(page, screenshots):
     assert max(page.evaluate(_CORNER, 0)) < 40
     page.screenshot(path=screenshots / "dragging-dark.png")
     page.set_viewport_size({"width": 700, "height": 800})
-    page.wait_for_timeout(2_000)
+    page.wait_for_function(
+        "() => document.querySelector('img.losbench-picture').naturalWidth < 600"
+    )
     page.screenshot(path=screenshots / "dragging-narrow.png")
     outer = page.locator(
         ".jp-NotebookPanel:not(.lm-mod-hidden) .jp-OutputArea-output"
