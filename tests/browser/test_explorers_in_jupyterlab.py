@@ -13,7 +13,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
 
 _FIND = (
     "from ipywidgets.widgets.widget import _instances; "
-    "explorer = next(w for w in _instances.values() if hasattr(w, 'copy_as_code'))"
+    "explorer = next(w for w in _instances.values() if hasattr(w, 'ask'))"
 )
 _COUNT = "import ipywidgets.widgets.widget as w; print(len(w._instances))"
 
