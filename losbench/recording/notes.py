@@ -25,6 +25,7 @@ def notes_on_frames(track: Track, surveys: Sequence[Survey]) -> list[str]:
         *_on_skipped(track.skipped, len(track.xy)),
         *_on_loss(track.xy, track.flags),
         *_on_choice(surveys),
+        *_on_black(surveys),
         *_on_noise(surveys),
     ]
 
@@ -38,6 +39,17 @@ def _on_choice(surveys: Sequence[Survey]) -> list[str]:
         return [f"Centroids by {reasons[0]}."]
     each = (f"{reason} (stamp {k})" for k, reason in enumerate(reasons, 1) if reason)
     return [f"Centroids by {'; '.join(each)}."]
+
+
+def _on_black(surveys: Sequence[Survey]) -> list[str]:
+    """Say where black is clipped."""
+    black = max(survey.black for survey in surveys)
+    if not black:
+        return []
+    return [
+        f"{black:.0%} of the pixels around the spots stand at the lowest reading: black is "
+        "clipped, and levels and noise by the ring are off."
+    ]
 
 
 def _on_noise(surveys: Sequence[Survey]) -> list[str]:

@@ -36,6 +36,7 @@ _EVERY = 64  # frames from one node of the path to the next, in a long recording
 _MOST = 64  # frames that are looked at closely
 _KEPT = 2**25  # pixels that are kept of them
 _MARGIN = 2  # pixels, in which a window finds its spot
+_CLIPPED = 0.08  # of the readings at the lowest: no noise does that
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,8 @@ class Survey:
         Median light of each spot.
     strangers : (m, 2) array, pixels of the stamp
         What else stood in the first frame.
+    black : float
+        Share of the pixels around the spots at the lowest reading, where black is clipped; or 0.
     """
 
     frames: Ints
@@ -76,6 +79,7 @@ class Survey:
     reason: str = ""
     flux: Floats = field(default_factory=lambda: np.array(np.nan))
     strangers: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    black: float = 0.0
 
     @property
     def known(self) -> Known:
@@ -157,12 +161,12 @@ def survey(
         last = np.where(np.isnan(path[node]), last, path[node])
         if node in looked:
             close[node] = side_by_side(read.frames, path[node], reach)
-    found = _UNKNOWN
+    found, black = _UNKNOWN, 0.0
     if close:
         stack = np.stack(list(close.values()))
         at = places_side_by_side(path[list(close)], reach)
         engine = Engine.of_stack(stack, how, background, side, None, recording.full_scale_dn)
-        found = recording_gain(engine, stack, at)
+        found, black = recording_gain(engine, stack, at), _clipped_black(stack)
     known = recording.detector
     noise, doubts = (found, []) if known is None else (known, contradictions(known, found))
     reason = ""
@@ -180,7 +184,17 @@ def survey(
         if how.template:
             how = replace(how, width=seen.width_px)
     return Survey(
-        nodes, path, start, how, noise, found, tuple(doubts), reason, _median(flux), others
+        nodes,
+        path,
+        start,
+        how,
+        noise,
+        found,
+        tuple(doubts),
+        reason,
+        _median(flux),
+        others,
+        black,
     )
 
 
@@ -192,6 +206,16 @@ def _median(flux: Floats) -> Floats:
 
 def _open(method: CentroidMethod) -> bool:
     return isinstance(method, AutoCentroid) or (method.template and method.width is None)
+
+
+def _clipped_black(stack: Pixels) -> float:
+    """Share of readings at the lowest, if that is more than the next above it has; else 0."""
+    readings = stack[np.isfinite(stack)]
+    lowest = readings == readings.min() if readings.size else readings > 0
+    above = readings[~lowest]
+    share = float(lowest.mean()) if above.size else 0.0
+    next_above = float((above == above.min()).mean()) * (1.0 - share) if above.size else 1.0
+    return share if share >= _CLIPPED and share > next_above else 0.0
 
 
 def _on_the_way(method: CentroidMethod, side: int) -> CentroidMethod:

@@ -108,3 +108,26 @@ def test_two_frames_give_lower_bounds_that_are_flagged_in_table_and_notes():
     assert set(measured.table[["flags1", "flags2"]].to_numpy().ravel()) == {SpotFlag.LOWER_BOUND}
     assert any("lower bounds, and flagged LOWER_BOUND" in note for note in measured.notes)
     assert "4 of 4 centroids carry the flag LOWER_BOUND." in measured.notes
+
+
+def test_what_is_not_said_is_chosen_by_what_the_spots_look_like_and_told():
+    recording, truth = drifting(60)
+    found = surveyed(recording, lb.AutoCentroid())
+    assert isinstance(found.method, lb.Weighted)
+    np.testing.assert_allclose(found.method.width, 2.0, rtol=0.03)
+    measured = lb.measure(recording, spots=SPOTS)
+    assert measured.notes[0] == f"Centroids by {found.reason}."
+    assert measured.notes[0].startswith("Centroids by weighted: a Gaussian leaves ")
+    pulls = (measured.xy_px - truth) / measured.sigma_xy_px
+    assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.15)
+    told = lb.measure(recording, spots=SPOTS, centroid=lb.EIWA())
+    assert not any("Centroids by" in note for note in told.notes)
+
+
+@pytest.mark.parametrize(("level", "clipped"), [(2.0, True), (40.0, False)])
+def test_black_that_is_clipped_is_told(level, clipped):
+    rng = np.random.default_rng(3)
+    light = lb.render_spots(SPOTS, 5e4, 2.0, (70, 100)) + level
+    frames = np.rint(rng.normal(light, 4.0, (20, *light.shape))).clip(0, 65535).astype(np.uint16)
+    notes = lb.measure(lb.read_recording(frames), spots=SPOTS).notes
+    assert any("black is clipped" in note for note in notes) == clipped
