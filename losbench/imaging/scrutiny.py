@@ -161,9 +161,11 @@ def lopsided(stamps: Pixels, kept: Pixels, windows: Windows, fit: TemplateFit) -
 def _turned(images: Pixels, centre: Floats) -> Pixels:
     """Images turned by 180 degrees about their centres, linearly between pixels."""
     size = images.shape[1]
-    offset = np.arange(size) - size // 2
-    away = 2.0 * centre[:, :, None, None] - offset[:, None] - offset
-    share = np.maximum(1.0 - np.abs(away), 0.0).astype(images.dtype)
+    offset = np.arange(size, dtype=images.dtype) - size // 2
+    share = (2.0 * centre).astype(images.dtype)[:, :, None, None] - (offset[:, None] + offset)
+    np.abs(share, out=share)
+    np.subtract(1.0, share, out=share)
+    np.maximum(share, 0.0, out=share)
     turned: Pixels = share[:, 1] @ images @ share[:, 0].swapaxes(1, 2)
     return turned
 
