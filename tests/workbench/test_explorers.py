@@ -36,6 +36,7 @@ from losbench.workbench.explorers import (
     base,
     lab,
 )
+from losbench.workbench.explorers import irls as irls_room
 from losbench.workbench.explorers.centroid import light_with_a_spot_at
 from losbench.workbench.explorers.controls import (
     Choice,
@@ -726,3 +727,13 @@ def test_the_chain_takes_a_camera_of_ones_own(tmp_path):
         path.write_text("focal_mm = 1\n")
         put(explorer, camera_file=str(path))
         assert "camera.toml" in explorer.message.value
+
+
+def test_an_ellipse_is_drawn_around_a_normal_cloud_alone():
+    rng = np.random.default_rng(4)
+    cloud = rng.standard_normal((400, 2)) @ [[2.0, 0.5], [0.0, 1.0]]
+    outline = irls_room._ellipse(cloud)
+    assert np.isfinite(outline).all()
+    assert np.abs(outline[0]).max() == pytest.approx(2.4477 * 2.0, rel=0.15)
+    two_heaps = cloud + np.where(np.arange(400)[:, None] % 4, 0.0, 8.0)
+    assert np.isnan(irls_room._ellipse(two_heaps)).all()
