@@ -24,7 +24,7 @@ _WIDE = 200  # pixels of a spot that may have crumbs around it
 @dataclass(frozen=True)
 class Basins:
     """Which spot each bright pixel belongs to (B,), from 0 on, how many there are, and which pixels
-    touch: ``ones`` and ``others`` (P,).
+    of different spots touch: ``ones`` and ``others`` (P,).
     """
 
     owner: Indices
@@ -53,7 +53,7 @@ def group(place: Indices, width: int, value: Floats, noise: Floats) -> Basins:
     number of bright pixels.
     """
     ones, others = _neighbours(place, width)
-    order = np.argsort(value, kind="stable")  # of equals, the later
+    order = _rising(value)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     best = rank.copy()
@@ -61,12 +61,16 @@ def group(place: Indices, width: int, value: Floats, noise: Floats) -> Basins:
         np.maximum.at(best, a, rank[b])
     owner = _roots(order[best])
     for _ in range(_ROUNDS):
+        border = np.flatnonzero(owner[ones] != owner[others])
+        ones, others = ones[border], others[border]
         joined = _joined(owner, ones, others, value, noise, rank)
-        if np.array_equal(joined, owner):
+        if joined is owner:
             break
         owner = joined
-    peaks, owner = np.unique(owner, return_inverse=True)
-    return Basins(owner, len(peaks), ones, others)
+    peak = np.zeros(len(owner), dtype=bool)
+    peak[owner] = True
+    number = np.cumsum(peak) - 1
+    return Basins(number[owner], int(number[-1]) + 1, ones, others)
 
 
 def without_crumbs(basins: Basins, area: Floats, light: Floats, centre: Floats) -> Bools:
@@ -74,12 +78,11 @@ def without_crumbs(basins: Basins, area: Floats, light: Floats, centre: Floats) 
     near.
     """
     a, b = basins.owner[basins.ones], basins.owner[basins.others]
-    touching = np.flatnonzero(a != b)
     brightest = light.copy()
-    for _ in range(_ROUNDS if touching.size else 0):
+    for _ in range(_ROUNDS if a.size else 0):
         before = brightest.copy()
-        np.maximum.at(brightest, a[touching], before[b[touching]])
-        np.maximum.at(brightest, b[touching], before[a[touching]])
+        np.maximum.at(brightest, a, before[b])
+        np.maximum.at(brightest, b, before[a])
         if np.array_equal(before, brightest):
             break
     kept = light >= _FAINTEST * brightest
@@ -90,17 +93,33 @@ def without_crumbs(basins: Basins, area: Floats, light: Floats, centre: Floats) 
     return kept
 
 
+def _rising(value: Floats) -> Indices:
+    """Order of rising values; of equals, the later is the higher."""
+    # Two sorts that may shuffle equals are faster than one that may not.
+    order = np.argsort(value)
+    ranked = value[order]
+    among = np.zeros_like(order)
+    np.cumsum(ranked[1:] != ranked[:-1], out=among[1:])
+    among *= len(order)
+    return np.sort(among + order) - among
+
+
 def _neighbours(place: Indices, width: int) -> tuple[Indices, Indices]:
     """Pairs of bright pixels that touch, each once."""
     ones, others = [], []
-    column = place % width
-    for step, shift in ((1, 1), (width - 1, -1), (width, 0), (width + 1, 1)):
-        found = np.searchsorted(place, place + step)
-        found[found == len(place)] = 0
-        inside = (column + shift >= 0) & (column + shift < width)
-        pair = np.flatnonzero((place[found] == place + step) & inside)
+    column, ended = place % width, np.append(place, -1)
+    first, last = column == 0, column == width - 1
+    # The places are sorted: what lies below to the left is followed by what is below, and that by
+    # what is below to the right, so that one search finds all three.
+    found = np.searchsorted(place, place + (width - 1))
+    for step, outside in ((width - 1, first), (width, None), (width + 1, last), (1, last)):
+        if step == 1:
+            found = np.arange(1, len(ended))
+        there = ended[found] == place + step
+        pair = np.flatnonzero(there if outside is None else there & ~outside)
         ones.append(pair)
         others.append(found[pair])
+        found = found + there
     return np.concatenate(ones), np.concatenate(others)
 
 
@@ -122,20 +141,19 @@ def _joined(
     rank: NDArray[Any],
 ) -> Indices:
     """Owners after every basin has joined the higher one beyond its best saddle, if that is no
-    dip.
+    dip; the same owners if none has.
     """
     a, b = owner[ones], owner[others]
-    border = a != b
-    if not border.any():
-        return owner
-    a, b = a[border], b[border]
-    saddle = np.minimum(value[ones[border]], value[others[border]])
-    low, high = np.where(rank[a] < rank[b], a, b), np.where(rank[a] < rank[b], b, a)
-    order = np.lexsort((saddle, low))
-    last = np.flatnonzero(np.append(low[order][1:] != low[order][:-1], True))
-    low, high, saddle = low[order][last], high[order][last], saddle[order][last]
+    saddle = np.minimum(value[ones], value[others])
+    rises = rank[a] < rank[b]
+    low, high = np.where(rises, a, b), np.where(rises, b, a)
+    best = np.full(len(owner), -np.inf)
+    np.maximum.at(best, low, saddle)
     height = value[low]
     joins = saddle >= np.minimum(_DIP * height, height - _SURE * noise[low])
+    joins &= saddle == best[low]
+    if not joins.any():
+        return owner
     up = np.arange(len(owner))
-    up[low[joins]] = high[joins]
+    up[low[joins]] = high[joins]  # of equal saddles, the last
     return _roots(up)[owner]

@@ -245,19 +245,18 @@ def _around(bright: Indices, shape: tuple[int, ...]) -> Indices:
     """Flat places of all pixels within two of the bright ones."""
     height, width = shape
     steps = np.arange(-_REACH, _REACH + 1)
-    column = bright % width
-    across = np.clip(column[:, None] + steps, 0, width - 1) + (bright - column)[:, None]
     if bright.size * 100 < height * width:
+        column = bright % width
+        across = np.clip(column[:, None] + steps, 0, width - 1) + (bright - column)[:, None]
         near = _each_once(across)
         down = near[:, None] + width * steps
         return _each_once(down[(down >= 0) & (down < height * width)])
-    found = np.zeros((height + 2 * _REACH) * width, dtype=bool)
-    found[across + _REACH * width] = True
-    columns = found.reshape(-1, width)
-    near = columns.copy()
-    for step in steps[steps != 0]:
-        near |= np.roll(columns, step, axis=0)
-    return np.flatnonzero(near[_REACH : height + _REACH])
+    import cv2
+
+    found = np.zeros(shape, dtype=np.uint8)
+    found.ravel()[bright] = 1
+    near = cv2.dilate(found, np.ones((len(steps), len(steps)), dtype=np.uint8))
+    return np.flatnonzero(near.view(bool))
 
 
 def _each_once(places: Indices) -> Indices:
@@ -287,9 +286,11 @@ def _beside(
             which = corners if down and right else cross
             if inner:
                 which += flat[place + (down * width + right)]
-                which -= level
             else:
                 y, x = row + down, column + right
                 inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
                 which += np.where(inside, flat[(y * width + x) * inside] - level, 0.0)
+    if inner:
+        cross -= 4.0 * level
+        corners -= 4.0 * level
     return cross, corners

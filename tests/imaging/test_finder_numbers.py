@@ -10,9 +10,9 @@ import losbench as lb
 from losbench.imaging.background import Ring
 from losbench.imaging.engine import Engine
 from losbench.imaging.finder import _around, _beside
-from losbench.imaging.flags import _leaks, saturated
+from losbench.imaging.flags import _leaks
 from losbench.imaging.levels import _least_noise
-from losbench.imaging.noise import PixelNoise, step_of
+from losbench.imaging.noise import PixelNoise, saturated, step_of
 from losbench.imaging.places import peak_pixels
 from losbench.imaging.protocols import Windows
 from losbench.imaging.ranks import digit_step, level_and_noise, medians

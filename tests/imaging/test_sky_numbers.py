@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
 import losbench as lb
-from losbench.imaging.basins import Basins, _neighbours, group, without_crumbs
+from losbench.imaging.basins import Basins, _neighbours, _rising, group, without_crumbs
 from losbench.imaging.levels import _is_flat, _stride, sky_of
 from losbench.imaging.mesh import _slopes, _smooth_tiles, _starts, _surface, _to_the_ends, mesh
 from losbench.imaging.pattern import FLAT, Pattern, _jump
@@ -81,6 +81,28 @@ def test_pixels_belong_to_the_peak_that_a_loop_leads_them_to(smooth):
         basins, expected = group(place, 17, value, noise), grouped(place, 17, value, noise)
         assert basins.count == len(set(expected))
         np.testing.assert_array_equal(basins.owner, np.unique(expected, return_inverse=True)[1])
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 9])
+def test_pixels_that_touch_are_those_that_a_loop_finds_in_frames_of_any_width(width):
+    for seed in range(6):
+        place = np.flatnonzero(np.random.default_rng(seed).random(36) < 0.6)
+        ones, others = _neighbours(place, width)
+        assert len(ones) == len(pairs(place, width))
+        assert set(zip(ones.tolist(), others.tolist(), strict=True)) == pairs(place, width)
+
+
+def test_of_equal_pixels_the_later_is_the_higher():
+    for seed in range(6):
+        value = np.random.default_rng(seed).integers(0, 9, 60) / 3.0
+        np.testing.assert_array_equal(_rising(value), np.argsort(value, kind="stable"))
+        place, noise = np.arange(60), np.full(60, 0.1)
+        basins, expected = group(place, 10, value, noise), grouped(place, 10, value, noise)
+        np.testing.assert_array_equal(basins.owner, np.unique(expected, return_inverse=True)[1])
+        ones, others = basins.owner[basins.ones], basins.owner[basins.others]
+        assert (ones != others).all() and len(ones) == len(
+            [1 for a, b in pairs(place, 10) if basins.owner[a] != basins.owner[b]]
+        )
 
 
 @pytest.mark.parametrize(
