@@ -237,10 +237,12 @@ def irls(
     converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
     report_rank(problem, on_fail)
     _report(converged, method.max_iter, on_fail)
+    # The residuals of the fit are the user's to write to, whenever the covariance is asked for.
+    cov = partial(_covariance, problem, method, residuals.copy(), working)
     return as_fit(
         problem,
         z,
-        (residuals, weights, working, partial(_covariance, problem, method, residuals, working)),
+        (residuals, weights, working, cov),
         n_iter=n_iter,
         converged=converged,
         loss=_name(method.loss),
