@@ -35,7 +35,7 @@ if __name__ == "__main__":
         "montecarlo",
         [
             within(
-                "Fig. 1: 5000 trials x 3 precisions", ours_s, "its random numbers alone", limit_s, 5
+                "Fig. 1: 5000 trials x 3 precisions", ours_s, "its random numbers alone", limit_s, 3
             )
         ],
     )

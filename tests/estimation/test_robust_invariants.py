@@ -142,6 +142,21 @@ def test_batch_axes_broadcast():
     np.testing.assert_allclose(many.x[2, 1], lb.irls(a[2, 0], y[0, 0]).x, atol=1e-10)
 
 
+@every_fit
+def test_a_design_that_was_met_before_is_the_same_and_one_that_was_changed_is_another(name):
+    a, y, rng = system(3, (4,))
+    a, before = a[0].copy(), FITS[name](a[0], y)
+    for _ in range(10):  # as many as push out what is kept
+        FITS[name](rng.standard_normal((12, 3)), y)
+    for again in (FITS[name](a, y), FITS[name](a, y), FITS[name](np.asfortranarray(a), y)):
+        for field in ("x", "weights", "scale", "cov", "leverage", "rank"):
+            np.testing.assert_array_equal(getattr(again, field), getattr(before, field))
+    a[0] *= 2.0
+    other = FITS[name](a, y)
+    np.testing.assert_allclose(other.residuals, other.x @ a.T - y, atol=1e-12)
+    assert not np.allclose(other.leverage, before.leverage, atol=1e-3)
+
+
 def test_residuals_are_those_of_the_unknowns():
     a, y, _ = system(9, (6,))
     for fit in (lb.lstsq(a, y), lb.irls(a, y)):

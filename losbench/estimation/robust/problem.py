@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -158,29 +158,58 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
         raise ValueError(
             f"A and y must share their batch axes, got {matrix.shape} and {right.shape}"
         ) from None
-    systems = (1,) if matrix.ndim == 2 else batch
-    basis, to_x, estimable, column_unit = _factorised(
-        np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p)
-    )
-    right, y_unit, size = _in_range(np.broadcast_to(right, (*batch, n)).reshape(-1, n))
-    middle = np.sqrt(column_unit.min(axis=1)) * np.sqrt(column_unit.max(axis=1))
+    if matrix.ndim == 2 and matrix.size <= _BLOCK_ELEMENTS:
+        design = _design_of_one(matrix.tobytes(), n, p)
+    else:
+        systems = (1,) if matrix.ndim == 2 else batch
+        design = _design(np.broadcast_to(matrix, (*systems, n, p)).reshape(-1, n, p))
+    if right.shape[:-1] != batch:
+        right = np.broadcast_to(right, (*batch, n))
+    right, y_unit, size = _in_range(right.reshape(-1, n))
     with np.errstate(over="ignore", under="ignore"):
-        x_unit = y_unit / middle  # one unit for all columns: the rest of their sizes is in to_x
+        x_unit = y_unit / design.unit  # the rest of the columns' sizes is in to_x
     if not np.isfinite(x_unit).all():
         raise ValueError(
             "y must not exceed A by a factor of 1e308 or more: the unknowns would be infinite"
         )
     return Problem(
-        basis=basis,
-        to_x=to_x * (middle[:, None] / column_unit)[..., None],
-        rank=to_x.any(axis=1).sum(axis=1),
-        estimable=estimable,
+        basis=design.basis,
+        to_x=design.to_x,
+        rank=design.rank,
+        estimable=design.estimable,
         y=right,
         y_unit=y_unit,
         x_unit=x_unit,
         floor=np.maximum(_ROUNDING * size, _TINY),
         batch=batch,
     )
+
+
+@dataclass(frozen=True)
+class _Design:
+    """What A alone tells, as in `Problem`, and the unit of columns (B or 1,), one for all."""
+
+    basis: Floats
+    to_x: Floats
+    rank: Ints
+    estimable: Bools
+    unit: Floats
+
+
+def _design(matrix: Floats) -> _Design:
+    basis, to_x, estimable, unit = _factorised(matrix)
+    middle = np.sqrt(unit.min(axis=1)) * np.sqrt(unit.max(axis=1))
+    rank = to_x.any(axis=1).sum(axis=1)
+    return _Design(basis, to_x * (middle[:, None] / unit)[..., None], rank, estimable, middle)
+
+
+# Every chunk of a study brings the same A, whose factors cost a third of the chunk's solve.
+@lru_cache(maxsize=8)
+def _design_of_one(matrix: bytes, n: int, p: int) -> _Design:
+    design = _design(np.frombuffer(matrix).reshape(1, n, p))
+    for array in vars(design).values():
+        array.flags.writeable = False
+    return design
 
 
 def blocks(count: int, n: int) -> Iterator[slice]:
