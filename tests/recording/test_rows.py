@@ -2,6 +2,7 @@
 
 import struct
 
+import files_of_frames as write
 import numpy as np
 import pytest
 import tifffile
@@ -66,7 +67,30 @@ def two_files(folder, frames):
     return [folder / "a.npy", folder / "b.npy"]
 
 
-KINDS = [npy, big_endian_npy, pages, big_pages_in_strips, folder_of_pages, two_files]
+def ser(folder, frames):
+    return write.ser(folder / "a.ser", frames, depth=16, order=">")
+
+
+def raw_between_gaps(folder, frames):
+    return write.raw(folder / "a", frames, "mono16", header_bytes=5, gap_bytes=3, byte_order="big")
+
+
+def packed(folder, frames):
+    assert frames.max() < 2**14
+    return write.raw(folder / "a", frames, "mono14p", header_bytes=5, gap_bytes=3)
+
+
+KINDS = [
+    npy,
+    big_endian_npy,
+    pages,
+    big_pages_in_strips,
+    folder_of_pages,
+    two_files,
+    ser,
+    raw_between_gaps,
+    packed,
+]
 
 
 def same(one, other):
@@ -135,6 +159,22 @@ def test_systems_without_positioned_reads_read_all_the_same(frames, tmp_path, mo
     block = stamp.read(3, 6, skip=False, spans=[(10, 20), (390, 400)])
     np.testing.assert_array_equal(block.frames[:, 10:], frames[3:6, 390:])
     np.testing.assert_array_equal(stamp.read(3, 6, skip=False).frames, frames[3:6])
+
+
+@pytest.mark.parametrize("columns", [8, 6, 5])
+@pytest.mark.parametrize("pixels", ["mono10p", "mono12p", "mono14p", "mono12packed"])
+def test_rows_of_packed_frames_wherever_they_begin(tmp_path, pixels, columns, monkeypatch):
+    """Of 8 columns every row begins at a whole byte, of 6 and 5 of 12 bits or none."""
+    bits = int(pixels[4:6])
+    frames = np.random.default_rng(columns).integers(0, 2**bits, (3, 20, columns)).astype("u2")
+    stamp = lb.read_recording(write.raw(tmp_path / "a", frames, pixels, gap_bytes=2)).stamps[0]
+    read, real = [], handles._read_at
+    monkeypatch.setattr(handles, "_read_at", lambda *job: read.append(len(job[2])) or real(*job))
+    block = stamp.read(1, 3, skip=False, spans=[(1, 4), (13, 20)])
+    np.testing.assert_array_equal(block.frames[:, :3], frames[1:, 1:4])
+    np.testing.assert_array_equal(block.frames[:, 3:], frames[1:, 13:])
+    some = bits * columns % 8 == 0
+    assert sum(read) == 2 * (10 if some else 20) * columns * bits // 8
 
 
 def test_left_aligned_numbers_are_divided_row_by_row(frames, tmp_path):

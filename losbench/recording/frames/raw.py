@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from losbench.parameters import from_table, read_toml
 from losbench.recording.frames.contiguous import Contiguous
 from losbench.recording.frames.handles import file_size, opened, plain_file
 from losbench.recording.frames.packed import unpacked, unpacked_gige
-from losbench.recording.frames.protocol import Found, Source, cut_short, decoding
+from losbench.recording.frames.protocol import Found, Source, Spans, cut_short, decoding
 
 __all__ = ["PackedFrames", "RawLayout", "open_raw"]
 
@@ -97,14 +97,33 @@ class PackedFrames:
 
     def frame(self, k: int) -> NDArray[Any]:
         """Return one frame."""
-        unpack = unpacked_gige if self.layout.pixels in _GIGE else unpacked
+        return self._unpacked(self.stored.frame(k), self.layout.shape)
+
+    def rows(self, k: int, shape: tuple[int, int], spans: Spans, out: NDArray[Any]) -> bool:
+        """Fill some rows of a frame, if rows begin and end at whole bytes; return whether they
+        do.
+        """
         rows, columns = self.layout.shape
-        line = unpack(self.stored.frame(k), self.layout.bits, rows * columns)
-        return line.reshape(rows, columns)
+        row_bytes, over = divmod(columns * (12 if self._gige else self.layout.bits), 8)
+        if over or shape != self.layout.shape:
+            return False
+        packed = np.empty((len(out), row_bytes), np.uint8)
+        in_bytes = (rows, row_bytes)
+        replace(self.stored, shape=in_bytes).rows(k, in_bytes, spans, packed)
+        out[...] = self._unpacked(packed.reshape(-1), out.shape)
+        return True
 
     def label(self, k: int) -> str:
         """Return the name of a frame."""
         return self.stored.label(k)
+
+    @property
+    def _gige(self) -> bool:
+        return self.layout.pixels in _GIGE
+
+    def _unpacked(self, line: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+        unpack = unpacked_gige if self._gige else unpacked
+        return unpack(line, self.layout.bits, shape[0] * shape[1]).reshape(shape)
 
 
 def open_raw(path: Path, *, skip: bool) -> Found:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from losbench.recording.frames.contiguous import Contiguous, native
 from losbench.recording.frames.handles import file_size, fill, opened, plain_file
-from losbench.recording.frames.protocol import Found, UnreadableFrame, cut_short, decoding
+from losbench.recording.frames.protocol import Found, Source, UnreadableFrame, cut_short, decoding
 
-__all__ = ["SerFrames", "open_ser"]
+__all__ = ["BlueFirst", "open_ser"]
 
 _HEADER = "<14s7i40s40s40s2q"
 _HEADER_BYTES = 178
@@ -26,11 +26,10 @@ _TICKS_1970 = 621_355_968_000_000_000  # of 100 ns, from the year 1
 
 
 @dataclass(frozen=True, eq=False)
-class SerFrames:
-    """Frames of a SER file; blue comes first in some."""
+class BlueFirst:
+    """Frames of a SER file in which blue comes first."""
 
     stored: Contiguous
-    blue_first: bool = False
 
     @property
     def n_frames(self) -> int:
@@ -39,8 +38,7 @@ class SerFrames:
 
     def frame(self, k: int) -> NDArray[Any]:
         """Return one frame."""
-        frame = self.stored.frame(k)
-        return frame[..., ::-1] if self.blue_first else frame
+        return self.stored.frame(k)[..., ::-1]
 
     def label(self, k: int) -> str:
         """Return the name of a frame."""
@@ -74,7 +72,8 @@ def open_ser(path: Path, *, skip: bool) -> Found:
     )
     if dtype.itemsize == 2:
         stored = replace(stored, dtype=_order(stored, depth))
-    found = Found(name=name, source=SerFrames(stored, colour == _BGR), bits=depth, notes=notes)
+    source: Source = BlueFirst(stored) if colour == _BGR else stored
+    found = Found(name=name, source=source, bits=depth, notes=notes)
     return _timed(found, path, _HEADER_BYTES + claimed * each, n_frames)
 
 
