@@ -234,7 +234,8 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     solved = ring @ solve
     residual = ring - solved[:, :3] @ basis.T
     square = residual * residual
-    scatter = np.sqrt(square.sum(axis=1, dtype=np.float64) / (len(basis) - 3.0))
+    squares = np.einsum("mr,mr->m", residual, residual).astype(np.float64)
+    scatter = np.sqrt(squares / (len(basis) - 3.0))
     lopsided = np.abs(np.einsum("mr,mr->m", square, residual)) > _LOPSIDED * len(basis) * scatter**3
     even = (square.max(axis=1) <= (_STANDS_OUT * scatter) ** 2) & ~lopsided
     variance = np.broadcast_to(np.diagonal(geometry.inverse), (len(ring), 3)).copy()

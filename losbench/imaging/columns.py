@@ -24,6 +24,27 @@ _SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
 _ALONG_X, _ALONG_Y = (0, 1, 0, 2, 0), (0, 0, 1, 0, 2)
 
 
+_SLOPE, *_TERMS = 0.2316419, 1.330274429, -1.821255978, 1.781477937, -0.356563782, 0.319381530
+
+
+def _below(at: Pixels, bell: Pixels) -> Pixels:
+    """Light of a Gaussian below each place, from its density there; in single precision to 3e-7
+    (Abramowitz and Stegun 1964, eq. 26.2.17), at a tenth of the time of `ndtr`.
+    """
+    if at.dtype != np.float32:
+        return np.asarray(ndtr(at))
+    t = np.abs(at)
+    t *= np.float32(_SLOPE)
+    t += np.float32(1.0)
+    np.reciprocal(t, out=t)
+    tail = t * np.float32(_TERMS[0])
+    for term in _TERMS[1:]:
+        tail += np.float32(term)
+        tail *= t
+    tail *= bell
+    return np.where(at > 0, np.float32(1.0) - tail, tail)
+
+
 @dataclass(frozen=True)
 class Sums:
     """Sums over the pixels of M windows: of products of p columns (M, p, p), of columns and reading
@@ -80,7 +101,7 @@ class Templates:
         edges = (np.arange(side + 1) - side / 2 - centre[:, :, None]).astype(dtype) / sigma
         bell = np.exp(-0.5 * edges * edges) / np.asarray(_SQUARE_ROOT_2_PI, dtype)
         profiles = np.empty((len(centre), 2, 3 if free else 2, side), dtype)
-        light = ndtr(edges)
+        light = _below(edges, bell)
         np.subtract(light[..., 1:], light[..., :-1], out=profiles[:, :, 0])
         np.subtract(bell[..., :-1], bell[..., 1:], out=profiles[:, :, 1])
         profiles[:, :, 1] /= sigma

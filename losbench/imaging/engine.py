@@ -20,7 +20,7 @@ from losbench.imaging.hotpixels import gate_hot_pixels
 from losbench.imaging.noise import Gain, peak_reading, pixel_noise, saturated, step_of
 from losbench.imaging.protocols import CentroidMethod, Windows
 from losbench.imaging.results import Measured, SpotFlag
-from losbench.imaging.stamps import cut_stamps, ring_places, take_pixels
+from losbench.imaging.stamps import RING, cut_stamps, ring_of
 
 __all__ = ["Engine"]
 
@@ -141,11 +141,13 @@ class Engine:
         """Cut M windows, each with a margin of one pixel, around whole pixels (M, 2), and take the
         background off.
         """
-        ring = take_pixels(stack, frame, middle, *ring_places(self.ring))
-        plane = self.background.under(ring, self.ring)
+        reach = self.ring // 2 + RING
+        stamps = cut_stamps(stack, frame, middle, reach)
+        plane = self.background.under(ring_of(stamps, self.ring), self.ring)
         gate = self.method.hot_pixel_gate
         # One pixel for the window to move in, and one more where the gate looks at neighbours.
-        raw = cut_stamps(stack, frame, middle, self.window // 2 + (2 if gate else 1))
+        rim = reach - self.window // 2 - (2 if gate else 1)
+        raw = stamps[:, rim:-rim, rim:-rim]
         signal = plane.off(raw)
         absent = np.isnan(raw)
         missing = absent if absent.any() else None

@@ -24,7 +24,7 @@ from losbench.imaging.engine import Engine
 from losbench.imaging.noise import Gain, Transfer, step_of
 from losbench.imaging.places import as_stack, as_starts, evenly, in_frame
 from losbench.imaging.results import SpotFlag
-from losbench.imaging.stamps import cut_stamps, ring_places, take_pixels
+from losbench.imaging.stamps import RING, cut_stamps, ring_of
 
 __all__ = ["estimate_gain", "recording_gain"]
 
@@ -195,11 +195,10 @@ def _compared(stack: NDArray[Any], spot: _Spot, full_scale_dn: float, step: floa
     pairs, at, side = spot.pairs, spot.at, spot.side
     middle = np.rint(at.mean(axis=1)).astype(np.intp)
     frames = pairs[:, 0], pairs[:, 1]
-    planes = [
-        fit_ring(take_pixels(stack, k, middle, *ring_places(side)).astype(np.float64), side)
-        for k in frames
-    ]
-    whole = [cut_stamps(stack, k, middle, side // 2 + 1).astype(np.float64) for k in frames]
+    around = [cut_stamps(stack, k, middle, side // 2 + RING).astype(np.float64) for k in frames]
+    planes = [fit_ring(ring_of(stamps, side), side) for stamps in around]
+    rim = slice(RING - 1, 1 - RING)
+    whole = [stamps[:, rim, rim] for stamps in around]
     signal = (planes[0].off(whole[0]) + planes[1].off(whole[1])) / 2
     one, two = (stamps[:, 1:-1, 1:-1] for stamps in whole)
     top = np.maximum(one, two)

@@ -55,19 +55,24 @@ def asks(windows: Windows, found: Estimate) -> Bools:
     if found.width is not None:
         pixels = pixels[:, 1:-1, 1:-1]
         at = Templates.of(windows.side, found.centroid, found.width, pixels.dtype, free=False)
-        model = at.light
-        model *= found.flux.astype(model.dtype)[:, None, None]
-        rest = pixels - model
-        variance = _variance(model, windows.noise)
+        light = at.light
+        light *= found.flux.astype(light.dtype)[:, None, None]
+        rest, share, times = pixels - light, _MODEL, 1.0
     else:
-        turned = _turned(pixels, np.nan_to_num(found.centroid))
-        rest = pixels - turned
-        variance = _variance(np.maximum(pixels, turned), windows.noise, _TURNED)
-        variance *= 2.0
+        light = _turned(pixels, np.nan_to_num(found.centroid))
+        rest, share, times = pixels - light, _TURNED, 2.0
+        np.maximum(light, pixels, out=light)
     rest *= rest
     if windows.kept is not None:
         rest *= windows.kept[:, 1:-1, 1:-1]
-    variance *= _sure(windows.noise) ** 2
+    # The variance of `_variance`, in few passes.
+    times *= _sure(windows.noise) ** 2
+    np.maximum(light, 0.0, out=light)
+    least = (times * windows.noise.floor).astype(light.dtype)
+    variance = light * (times * share**2)
+    variance += times * windows.noise.per_dn
+    variance *= light
+    variance += least[:, None, None]
     return np.asarray((rest > variance).any(axis=(1, 2)))
 
 

@@ -8,11 +8,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from losbench.arrays import Indices, Pixels
 
-__all__ = ["RING", "cut_stamps", "ring_places", "take_pixels"]
+__all__ = ["RING", "cut_stamps", "ring_of", "ring_places"]
 
 
 RING = 4  # pixels, the breadth of the ring around a window
@@ -36,41 +37,33 @@ def cut_stamps(stack: NDArray[Any], frame: Indices, centre: Indices, reach: int)
         NaN where a stamp reaches beyond the frame. Single precision for integers of up to 16 bits
         and for float32.
     """
-    size = 2 * reach + 1
-    row, column = np.divmod(np.arange(size * size), size)
-    pixels = take_pixels(stack, frame, centre, column - reach, row - reach)
-    return pixels.reshape(-1, size, size)
-
-
-def take_pixels(
-    stack: NDArray[Any], frame: Indices, centre: Indices, x: Indices, y: Indices
-) -> Pixels:
-    """Take the pixels at the offsets x and y (P,) from M whole-pixel centres, (M, P), as
-    `cut_stamps` does.
-    """
-    _, rows, columns = stack.shape
-    low, high = np.array([x.min(), y.min()]), np.array([x.max(), y.max()])
-    inside = ((centre + low >= 0) & (centre + high < (columns, rows))).all(axis=1)
-    outside = np.flatnonzero(~inside)
-    at_x, at_y = (centre[outside, axis, None] + off for axis, off in enumerate((x, y)))
-    near_x, near_y = at_x.clip(0, columns - 1), at_y.clip(0, rows - 1)
-    if stack.flags.c_contiguous:
-        first = (frame * rows + centre[:, 1]) * columns + centre[:, 0]
-        place = first[:, None] + (y * columns + x)
-        place[outside] = (frame[outside, None] * rows + near_y) * columns + near_x
-        pixels = stack.reshape(-1).take(place)
-    else:
-        row, column = (
-            (centre[:, 1:] + y).clip(0, rows - 1),
-            (centre[:, :1] + x).clip(0, columns - 1),
-        )
-        pixels = stack[frame[:, None], row, column]
-    pixels = pixels.astype(np.result_type(stack.dtype, np.float32))
-    if outside.size:
-        pixels[outside] = np.where((at_x == near_x) & (at_y == near_y), pixels[outside], np.nan)
-    if stack.dtype.kind == "f" and np.isinf(pixels).any():
+    size, (_, rows, columns) = 2 * reach + 1, stack.shape
+    corner = centre - reach
+    inside = ((corner >= 0) & (corner + size <= (columns, rows))).all(axis=1)
+    stamps = np.empty((len(centre), size, size), np.result_type(stack.dtype, np.float32))
+    if inside.any():
+        some = slice(None) if inside.all() else inside
+        # Row by row: half the time of pixel by pixel.
+        windows = sliding_window_view(stack, (size, size), axis=(1, 2))
+        stamps[some] = windows[frame[some], corner[some, 1], corner[some, 0]]
+    if not inside.all():
+        at = corner[~inside, :, None] + np.arange(size)
+        x, y = at[:, 0].clip(0, columns - 1), at[:, 1].clip(0, rows - 1)
+        pixels = stack[frame[~inside, None, None], y[:, :, None], x[:, None, :]]
+        within = (at[:, 1] == y)[:, :, None] & (at[:, 0] == x)[:, None, :]
+        stamps[~inside] = np.where(within, pixels, np.nan)
+    if stack.dtype.kind == "f" and np.isinf(stamps).any():
         raise ValueError("frames must be finite, or NaN where a pixel was not read, got infinity")
-    return pixels
+    return stamps
+
+
+def ring_of(stamps: Pixels, side: int) -> Pixels:
+    """Copy the pixels (M, R) of the ring around the middle ``side`` pixels out of stamps (M, S, S),
+    in the order of `ring_places`.
+    """
+    size, (x, y) = stamps.shape[1], ring_places(side)
+    flat = stamps.reshape(-1, size * size)
+    return flat.take((y + size // 2) * size + x + size // 2, axis=1)
 
 
 @cache

@@ -137,7 +137,8 @@ def _edge_pull(sums: Floats, centre: Floats, centroid: Floats, window: int) -> F
     edges cross.
     """
     middle = sums.shape[2] // 2
-    left = np.floor(np.nan_to_num(centre) - 0.5 * (window - 1)).clip(-middle, middle - window)
+    left = np.floor(centre - 0.5 * (window - 1))
+    left = np.fmax(np.fmin(left, middle - window), -middle)  # a number, where there is no centre
     right = left + window
     place = left.astype(np.intp) + middle
     spot, axis = np.arange(len(sums))[:, None], np.array([0, 1])

@@ -10,7 +10,9 @@ from noisy_spots import BACKGROUND_E, CAMERA, cramer_rao, first_odd, rms, spots
 from scipy.optimize import least_squares
 
 import losbench as lb
+from losbench.imaging.columns import Templates
 from losbench.imaging.results import SpotFlag
+from losbench.imaging.stamps import cut_stamps, ring_of
 
 TEMPLATES = ("weighted", "likelihood", "gaussian")
 
@@ -262,3 +264,32 @@ def test_a_fitted_gaussian_does_not_depend_on_the_unit(factor):
     np.testing.assert_allclose(found.xy, expected.xy, atol=1e-6)
     np.testing.assert_allclose(found.sigma_xy, expected.sigma_xy, rtol=1e-3)
     np.testing.assert_allclose(found.flux, factor * expected.flux, rtol=1e-5)
+
+
+def test_templates_in_single_precision_are_those_in_double():
+    rng = np.random.default_rng(0)
+    centre, width = rng.uniform(-4.0, 4.0, (500, 2)), rng.uniform(0.3, 6.0, (500, 2))
+    single, double = (
+        Templates.of(21, centre, width, kind, free=True).profiles for kind in (np.float32, float)
+    )
+    assert single.dtype == np.float32
+    # Sums up to an edge, whose errors the docstring bounds; and what single numbers round.
+    assert np.abs(np.cumsum(single[:, :, 0] - double[:, :, 0], axis=2)).max() < 2 * 3e-7 + 4e-7
+    assert np.abs(single[:, :, 0] - double[:, :, 0]).max() < 2 * 3e-7
+
+
+@pytest.mark.parametrize("strided", [False, True])
+def test_stamps_are_cut_out_of_frames_that_go_on_as_nan(strided):
+    rng = np.random.default_rng(1)
+    stack = rng.integers(0, 4096, (3, 24, 60), dtype=np.uint16)[:, :, :: 2 if strided else 1]
+    _, rows, columns = stack.shape
+    frame, y, x = (index.ravel() for index in np.indices((3, rows, columns)))
+    stamps = cut_stamps(stack, frame, np.column_stack([x, y]), 5)
+    wide = np.pad(stack.astype(np.float32), ((0, 0), (5, 5), (5, 5)), constant_values=np.nan)
+    expected = np.lib.stride_tricks.sliding_window_view(wide, (11, 11), axis=(1, 2))
+    np.testing.assert_array_equal(stamps, expected.reshape(-1, 11, 11))
+    assert ring_of(stamps[:0], 3).shape == (0, 11**2 - 3**2)
+    ring = ring_of(stamps, 3)
+    outside = np.ones((11, 11), dtype=bool)
+    outside[4:7, 4:7] = False
+    np.testing.assert_array_equal(ring, stamps[:, outside])
