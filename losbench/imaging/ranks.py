@@ -8,6 +8,9 @@ below black.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import lru_cache
+
 import numpy as np
 from scipy.special import ndtri
 
@@ -18,6 +21,7 @@ __all__ = ["CLIPPED", "digit_step", "level_and_noise", "medians"]
 
 CLIPPED = 0.08  # share of pixels at the minimum from which on a frame is clipped there
 _FEWEST = 15  # ranks
+_FEW = 4096  # values, whose scores may stay in memory
 
 
 def level_and_noise(
@@ -60,7 +64,7 @@ def level_and_noise(
     share = clipped.mean(axis=1)
     share[share < CLIPPED] = 0.0
     if digit:
-        values = values + digit * (np.random.default_rng(0).random(n) - 0.5)
+        values = values + digit * _kept(_dither, n)
     lowest = values.min(axis=1)
     if share.any():
         values = np.where(clipped & (share > 0)[:, None], values.min() - 1.0, values)
@@ -79,13 +83,34 @@ def level_and_noise(
     return np.where(few, lowest, level), np.where(few, digit / 2, noise)
 
 
+def _kept(make: Callable[[int], Floats], n: int) -> Floats:
+    """What is made for so many values; made once for few, as all frames of a recording ask."""
+    return _once(make, n) if n <= _FEW else make(n)
+
+
+@lru_cache(maxsize=8)
+def _once(make: Callable[[int], Floats], n: int) -> Floats:
+    made = make(n)
+    made.flags.writeable = False
+    return made
+
+
+def _dither(n: int) -> Floats:
+    return np.random.default_rng(0).random(n) - 0.5
+
+
+def _scores(n: int) -> Floats:
+    """Normal scores of the ranks of so many values."""
+    return np.asarray(ndtri((np.arange(n) + 0.5) / n))
+
+
 def _line(ranked: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """Intercept and slope (T,) of ranked values (T, n) over their normal scores, from the ranks low
     to high (T,); NaN where they are fewer than 15.
     """
     n = ranked.shape[1]
     rank = (np.arange(n) + 0.5) / n
-    score = ndtri(rank)
+    score = _kept(_scores, n)
     used = ((rank >= low[:, None]) & (rank <= high[:, None])).astype(np.float64)
     number = used.sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import KDTree
 
 import losbench as lb
 
@@ -107,6 +108,28 @@ def test_a_stamp_that_the_star_nearly_fills(shape):
     stamp = stamp.astype(np.float32)
     stamp[0, 0] = np.nan
     np.testing.assert_allclose(lb.find_spots(stamp, n=1), [centre], atol=0.5)
+
+
+# the share that is found at 8, 10, 12, 15 and 20 noises of amplitude
+COMPLETE = {0.7: (0.0, 0.3, 0.77, 0.96, 1.0), 1.5: (0.25, 1.0, 1.0, 1.0, 1.0)}
+
+
+@pytest.mark.parametrize(("noise", "size", "seed"), [(7.0, 600, 31415), (1.7, 900, 27182)])
+@pytest.mark.parametrize("sigma", [0.7, 1.5])
+def test_faint_spots_are_found_in_known_shares_and_nothing_else(sigma, noise, size, seed):
+    false = 0
+    for height, share in zip((8, 10, 12, 15, 20), COMPLETE[sigma], strict=True):
+        rng = np.random.default_rng([seed, height])
+        grid = np.stack(np.meshgrid(*[np.arange(20.0, size - 20.0, 20.0)] * 2), axis=-1)
+        xy = grid.reshape(-1, 2) + rng.uniform(-3.0, 3.0, (grid[..., 0].size, 2))
+        light = height * noise * 2 * np.pi * sigma**2
+        image = lb.render_spots(xy, light, sigma, (size, size)) + rng.normal(
+            200.0, noise, (size,) * 2
+        )
+        found = KDTree(lb.find_spots(image.astype(np.float32)))
+        assert (found.query(xy)[0] < 1.5).mean() == pytest.approx(share, abs=0.1)
+        false += np.count_nonzero(KDTree(xy).query(found.data)[0] > 3.0)
+    assert false <= 3e-6 * 5 * size**2
 
 
 def test_unread_pixels_are_not_spots():

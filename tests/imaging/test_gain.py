@@ -143,3 +143,19 @@ def test_the_step_of_whole_readings_is_seen_in_any_type():
 def test_a_gain_contradicts_a_detector_where_it_is_surely_another(per_dn, error, said):
     assert len(contradictions(SENSOR, Gain(per_dn, error))) == said
     assert not contradictions(SENSOR, Gain(0.0, np.inf))
+
+
+@pytest.mark.parametrize("method", ["eiwa", "weighted"])
+@pytest.mark.parametrize("black", [100.0, 3.0, 0.0, -3.0])
+def test_errors_on_a_sky_clipped_at_black_are_those_of_the_scatter(black, method):
+    """Bright spots on a level one noise above zero, at it and below: what is stated is neither
+    below the scatter, for frames without a flag too, nor much above it.
+    """
+    rng = np.random.default_rng(8)
+    light = lb.render_spots([[24.3, 23.8]], 1000.0 * 8 * np.pi, 2.0, (48, 48)) + black
+    frames = (light + rng.normal(0.0, 3.0, (400, 48, 48))).round().clip(0).astype(np.uint16)
+    found = lb.centroid(frames, [[24, 24]], method=method)
+    stated, xy, good = found.sigma_xy[:, 0], found.xy[:, 0], found.flags[:, 0] == 0
+    assert 0.9 < stated.mean() / xy.std(axis=0).mean() < 1.3
+    assert good.sum() > 40
+    assert stated[good].mean() > 0.9 * xy[good].std(axis=0).mean()
