@@ -79,7 +79,7 @@ class Claim:
         FileExistsError
             If one of them has the name of a file that was written.
         OSError
-            If it cannot be written; the folder is as it was.
+            If it cannot be written; it says whether the folder is as it was.
         """
         _check_free(self.folder, self.folder, self._sha256)
         listed = {"files": dict(sorted(self._sha256.items()))}
@@ -98,7 +98,14 @@ class Claim:
                     old.rename(self.folder)
                 raise
         _sync(self.folder.parent)
-        _settle(self.folder)
+        try:
+            _settle(self.folder)
+        except OSError as error:
+            raise OSError(
+                error.errno,
+                f"{error.strerror or error} (while removing the old results, {old}; {self.folder} "
+                "holds the new ones)",
+            ) from error
 
     @contextmanager
     def _told(self, name: str) -> Iterator[None]:

@@ -101,3 +101,14 @@ def test_quiet_json_prints_the_report_alone(commands, tmp_path, capsys):
     assert main(command) == 0
     said = capsys.readouterr()
     assert json.loads(said.out)["kind"] == "telemetry" and said.err == ""
+
+
+@pytest.mark.parametrize("paper", ["liu2026", "ren2023"])
+def test_a_simulation_keeps_the_schema_too(paper, tmp_path):
+    out = tmp_path / "twin"
+    command = ["simulate", "--paper", paper, "--frames", "2", "--seed", "5", "--out", str(out)]
+    assert main([*command, "--quiet"]) == 0
+    report = json.loads((out / "report.json").read_text(), parse_constant=pytest.fail)
+    jsonschema.validate(report, SCHEMA)
+    assert (report["kind"], report["twin"], report["seed"]) == ("simulation", paper, 5)
+    assert report["made"]["command"] == " ".join(["losbench", *command, "--quiet"])

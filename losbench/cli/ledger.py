@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from losbench.cli.arguments import Commands
+from losbench.cli.arguments import Commands, made_by
 
 __all__ = ["add", "add_claim"]
 
@@ -59,6 +59,7 @@ def _run(options: argparse.Namespace) -> int:
 def _run_claim(options: argparse.Namespace) -> int:
     from losbench.workbench.reproduction.claim import recompute
 
-    done = recompute(options.id, out=options.out, quiet=options.quiet)
+    made = made_by(options, [])
+    done = recompute(options.id, out=options.out, quiet=options.quiet, made=made)
     print(done.text())
     return 0 if done.as_accepted else 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from losbench.cli.arguments import Commands
+from losbench.cli.arguments import Commands, made_by
 
 __all__ = ["add"]
 
@@ -45,7 +45,8 @@ def _run(options: argparse.Namespace) -> int:
             raise ValueError("--camera-model must come with --paper liu2026: ren2023 has no frames")
         from losbench.papers.ren2023.export import write_telemetry
 
-        folder = write_telemetry(options.out, seed=options.seed, force=options.force)
+        made = made_by(options, [])
+        folder = write_telemetry(options.out, seed=options.seed, force=options.force, made=made)
         said = f"Telemetry of the ren2023 pair written to {folder}. To correct it:"
         command = f"losbench drift {folder / 'telemetry.csv'} --out {folder / 'corrected'}"
     else:
@@ -55,6 +56,7 @@ def _run(options: argparse.Namespace) -> int:
 
         path = options.camera_model
         bench = None if path is None else bench_of(read_camera_model(path), where=str(path))
+        inputs = [] if path is None else [path]
         folder = write_recording(
             options.out,
             n_frames=options.frames,
@@ -62,6 +64,8 @@ def _run(options: argparse.Namespace) -> int:
             bench=bench,
             force=options.force,
             progress=not options.quiet,
+            inputs=inputs,
+            made=made_by(options, inputs),
         )
         said = f"{options.frames} frames of the liu2026 twin written to {folder}. To measure them:"
         command = (

@@ -4,7 +4,9 @@ alone.
 
 import csv
 import json
+from importlib.resources import files
 
+import jsonschema
 import nbformat
 import pytest
 
@@ -203,7 +205,12 @@ def test_a_claim_is_computed_from_scratch_with_its_seconds_and_a_digest(notebook
     assert (first.row, first.digest) == (second.row, second.digest)
     assert first.text().splitlines()[-1].split() == ["sha256", first.digest]
     assert (tmp_path / "kept" / "ledger" / "01.json").is_file()
-    assert "ledger/01.json" in json.loads((tmp_path / "kept" / "report.json").read_text())["files"]
+    report = json.loads((tmp_path / "kept" / "report.json").read_text())
+    jsonschema.validate(
+        report, json.loads(files("losbench").joinpath("report.schema.json").read_text("utf-8"))
+    )
+    assert (report["kind"], report["claim"]) == ("claim", "irls-13")
+    assert "ledger/01.json" in report["files"]
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
     with pytest.raises(FileExistsError, match="is not empty"):
         recompute("irls-13", out=tmp_path / "kept", quiet=True, notebooks=notebooks)

@@ -4,16 +4,17 @@ and truth.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
 
-from losbench.__about__ import __version__
 from losbench.arrays import Floats
 from losbench.checks import integer
 from losbench.imaging.spots import render_spots
+from losbench.made import Made, head_of
 from losbench.outputs import claim
 from losbench.papers.liu2026.scenario import ThermalBench
 from losbench.papers.liu2026.twin import WarmUp, warm_up
@@ -33,6 +34,8 @@ def write_recording(
     bench: ThermalBench | None = None,
     force: bool = False,
     progress: bool = False,
+    inputs: Iterable[str | Path] = (),
+    made: Made | None = None,
 ) -> Path:
     """Write the twin's warm-up to a folder that ``losbench measure`` reads.
 
@@ -51,6 +54,10 @@ def write_recording(
         Replace what an earlier simulation left in the folder; other files stay.
     progress : bool
         Show a progress bar.
+    inputs : paths
+        What ``bench`` was read from, which must not lie in ``out``.
+    made : Made, optional
+        The command and its settings, for ``report.json``.
 
     Returns
     -------
@@ -62,7 +69,7 @@ def write_recording(
     FileExistsError
         If ``out`` holds anything and ``force`` is not set.
     ValueError
-        If ``n_frames`` is below 2.
+        If ``n_frames`` is below 2, or an input lies in ``out``.
     """
     setting = bench or ThermalBench()
     integer("n_frames", n_frames, low=2)
@@ -70,7 +77,9 @@ def write_recording(
     run = warm_up(setting, time_s=np.linspace(0.0, setting.duration_s, n_frames))
     tables = _tables(run)
     frames = [f"frames/frame-{k:05d}.tif" for k in range(n_frames)]
-    with claim(out, writes=[*frames, *tables, "camera.toml"], force=force) as results:
+    with claim(
+        out, writes=[*frames, *tables, "camera.toml"], inputs=inputs, force=force
+    ) as results:
         rng = np.random.default_rng(seed)
         bar = tqdm(frames, desc="frames", unit="frame", delay=2, disable=not progress)
         for k, name in enumerate(bar):
@@ -79,7 +88,9 @@ def write_recording(
             results.write(name, table.to_csv(index=False, lineterminator="\n"))
         toml = setting.camera.to_toml() + "\n" + setting.detector.to_toml()
         results.write("camera.toml", toml)
-        results.publish({"losbench": __version__, "twin": "liu2026", "seed": seed})
+        settings = {"n_frames": n_frames, "seed": seed}
+        head = head_of("simulation", made or Made.by(None, settings, inputs))
+        results.publish({**head, "twin": "liu2026", "seed": seed})
     return results.folder
 
 

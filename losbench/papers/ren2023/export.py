@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from losbench.__about__ import __version__
+from losbench.made import Made, head_of
 from losbench.outputs import claim
 from losbench.papers.ren2023.scenario import CONVENTION, Pair
 from losbench.papers.ren2023.twin import FIRST_DAY, simulate
@@ -20,7 +20,12 @@ __all__ = ["write_telemetry"]
 
 
 def write_telemetry(
-    out: str | Path, *, seed: int | None = None, setting: Pair | None = None, force: bool = False
+    out: str | Path,
+    *,
+    seed: int | None = None,
+    setting: Pair | None = None,
+    force: bool = False,
+    made: Made | None = None,
 ) -> Path:
     """Write simulated telemetry to a folder, for ``losbench drift``.
 
@@ -34,6 +39,8 @@ def write_telemetry(
         The pair; by default as assumed for the paper.
     force : bool
         Replace what an earlier simulation left in the folder; other files stay.
+    made : Made, optional
+        The command and its settings, for ``report.json``.
 
     Returns
     -------
@@ -90,5 +97,6 @@ def write_telemetry(
         for name, table in tables.items():
             results.write(name, pd.DataFrame(table).to_csv(index=False, lineterminator="\n"))
         results.write("telemetry.toml", form.to_toml())
-        results.publish({"losbench": __version__, "twin": "ren2023", "seed": seed})
+        begins = head_of("simulation", made or Made.by(None, {"seed": seed}, []))
+        results.publish({**begins, "twin": "ren2023", "seed": seed})
     return results.folder

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from losbench import outputs
-from losbench.__about__ import __version__
+from losbench.made import Made, head_of
 from losbench.workbench.ledger.claims import COLUMNS, accepted_verdicts, as_csv, read_claims
 from losbench.workbench.ledger.ledger import Ledger
 from losbench.workbench.reproduction.reproduce import reproduce
@@ -52,6 +52,7 @@ def recompute(
     out: str | Path | None = None,
     quiet: bool = False,
     notebooks: str | Path | None = None,
+    made: Made | None = None,
 ) -> Recomputed:
     """Run the notebook of one claim in a folder of its own and return the claim's row.
 
@@ -65,6 +66,8 @@ def recompute(
         No progress bar.
     notebooks : path, optional
         As for `reproduce`.
+    made : Made, optional
+        The command and its settings, for the ``report.json`` of ``out``.
 
     Raises
     ------
@@ -89,5 +92,6 @@ def recompute(
         rows = {row["id"]: row for row in Ledger.collect(folder / "ledger").rows()}
         if kept:
             kept.gather()
-            kept.publish({"losbench": __version__, "claim": claim})
+            head = head_of("claim", made or Made.by(None, {"claim": claim}, []))
+            kept.publish({**head, "claim": claim})
     return Recomputed(rows[claim], sum(run.seconds for run in done.runs))
