@@ -52,22 +52,20 @@ def measured(
     seen = see(frames, places)
     track = _track(seen, good)
     track = replace(track, xy=bands.outside(track.xy))
-    # Spots that wander out of reach within a block are followed frame by frame.
-    if len(frames) > 1 and not track.stays_near(expected, good, max(2, seen.window // 4) - 0.5):
-        steps, at = [], expected[0]
-        for k in range(len(frames)):
-            if not good[k]:
-                steps.append(_unseen(1, len(at)))
-                continue
+    reach, at = max(2, seen.window // 4) - 0.5, expected[0]
+    near = track.near(expected, reach)
+    away = len(good) > 1 and not near[good].all()
+    for k in np.flatnonzero(good & away).tolist():
+        # While spots are out of reach they are followed from frame to frame.
+        if not near[k] or (np.abs(at - expected[k]) >= reach).any():
             if bands.hold(at):
                 step = _track(see(frames[k : k + 1], bands.within(at)), good[k : k + 1])
                 step = replace(step, xy=bands.outside(step.xy))
             else:
                 whole = stamp.read(first + k, first + k + 1, skip=recording.skip_unreadable)
                 step = _track(see(whole.frames, at), whole.good)
-            steps.append(step)
-            at = step.last_seen(at)
-        track = Track.one_after_another(steps)
+            track.xy[k], track.sigma[k], track.flags[k] = step.xy[0], step.sigma[0], step.flags[0]
+        at = np.where(np.isnan(track.xy[k]), at, track.xy[k])
     for k in np.flatnonzero(good & np.isnan(track.xy[..., 0]).any(axis=1)).tolist():
         whole = stamp.read(first + k, first + k + 1, skip=recording.skip_unreadable)
         _look_again(track, k, whole.frames, expected[k], survey, see)

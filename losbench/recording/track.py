@@ -42,12 +42,6 @@ class Track:
             {k: why for part in parts for k, why in part.skipped.items()},
         )
 
-    def last_seen(self, before: Floats) -> Floats:
-        """Return where each spot was seen last, or ``before`` where it was not seen at all."""
-        for frame in self.xy:
-            before = np.where(np.isnan(frame), before, frame)
-        return before
-
-    def stays_near(self, start: Floats, good: Bools, reach: float) -> bool:
-        """Whether each readable frame shows every spot, within reach of the start (F, n, 2)."""
-        return bool((np.abs(self.xy - start)[good] < reach).all())
+    def near(self, places: Floats, reach: float) -> Bools:
+        """Whether each frame shows every spot, within reach of its place (F, n, 2)."""
+        return (np.abs(self.xy - places).max(axis=2) < reach).all(axis=1)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.recording import follow
 from losbench.recording.follow import measured
 from losbench.recording.reference import Reference, shifts_from
 from losbench.recording.starts import check_shape, first_places
@@ -101,24 +102,37 @@ def test_the_mean_of_frames_has_the_error_of_a_mean():
 # Tracks
 
 
-def test_a_spot_was_last_seen_where_its_last_frame_shows_it():
-    xy = np.array([[[1.0, 2.0], [np.nan, np.nan]], [[3.0, 4.0], [np.nan, np.nan]]])
-    track = Track(xy, xy, np.zeros((2, 2), int))
-    before = np.array([[9.0, 9.0], [7.0, 8.0]])
-    np.testing.assert_array_equal(track.last_seen(before), [[3.0, 4.0], [7.0, 8.0]])
-
-
 @pytest.mark.parametrize(("off", "near"), [(1.4, True), (1.5, False), (-1.6, False)])
-def test_a_spot_stays_near_below_its_reach(off, near):
-    start = np.zeros((3, 2, 2))
-    xy = start.copy()
+def test_a_spot_is_near_its_place_below_the_reach(off, near):
+    places = np.zeros((3, 2, 2))
+    xy = places.copy()
     xy[1, 0, 1] = off
     track = Track(xy, xy, np.zeros((3, 2), int))
-    good = np.ones(3, bool)
-    assert track.stays_near(start, good, 1.5) == near
-    assert track.stays_near(start, np.array([True, False, True]), 1.5)
+    assert track.near(places, 1.5).tolist() == [True, near, True]
     xy[1, 0, 1] = np.nan
-    assert not track.stays_near(start, good, 1.5)
+    assert track.near(places, 1.5).tolist() == [True, False, True]
+
+
+def test_only_frames_that_lack_a_spot_are_measured_again(monkeypatch):
+    """Two lost within a block, and a spot that wanders out of reach, comes back and goes on."""
+    path = np.zeros((24, 2, 2)) + np.array([[20.0, 20.0], [60.0, 20.0]])
+    path[10:15, 1, 1] += np.array([2.0, 4.0, 5.0, 4.0, 2.0])
+    light = np.full((24, 2), 1e5)
+    light[[3, 20], 1] = 0.0
+    detector = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
+    pairs = zip(path, light, strict=True)
+    clean = [lb.render_spots(xy, flux, 1.5, (40, 80)) + 40.0 for xy, flux in pairs]
+    recording = recording_of(detector.expose(np.stack(clean), 1), detector=detector)
+    under, start = lb.Ring(15), path[0]
+    held = Survey(np.array([0, 23]), path[[0, 23]], start, lb.EIWA(9, centre="peak"), detector)
+    calls = []
+    monkeypatch.setattr(
+        follow, "centroid", lambda *a, **k: calls.append(len(a[0])) or lb.centroid(*a, **k)
+    )
+    track = measured(recording, recording.stamps[0], held, under, 0, 24)
+    off = np.abs(track.xy - path).max(axis=(1, 2))
+    assert np.flatnonzero(~(off < 0.1)).tolist() == [3, 20]
+    assert calls[0] == 24 and 7 <= len(calls) - 1 <= 9  # 2 lost, 5 away, and the way back
 
 
 # The survey
