@@ -304,6 +304,12 @@ def judge_metrics(name, draw, density, runs: int, seed: int) -> str:
     return f"{name:44s} {' '.join(f'{v:.3f}' for v in share)}  {'ok' if ok else 'MISSED'}"
 
 
+def row_of(line: str) -> dict[str, str]:
+    """What is recorded of a line that ends with a verdict."""
+    what, _, verdict = line.rpartition("  ")
+    return {"what": " ".join(what.split()), "verdict": verdict}
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--runs", type=int, default=20)
@@ -314,8 +320,7 @@ if __name__ == "__main__":
     def say(line: str) -> None:
         global missed
         missed |= line.endswith("MISSED")
-        what, _, verdict = line.rpartition("  ")
-        rows.append({"what": " ".join(what.split()), "verdict": verdict})
+        rows.append(row_of(line))
         print(line, flush=True)
 
     for place, case in enumerate(cases()):

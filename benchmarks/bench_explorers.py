@@ -220,6 +220,19 @@ def measure(lab: Any, page: Any, name: str) -> Row:
     )
 
 
+def recorded(row: Row) -> dict[str, Any]:
+    """What the page of all benches shows of a row."""
+    return {
+        "what": row.explorer,
+        "ours_us": 1e3 * row.median_ms,
+        "peer": "interact and plt.show",
+        "peer_us": 1e3 * row.plain_ms,
+        "ratio": row.ratio,
+        "target": f"at most {row.ratio_limit:g} times as long",
+        "verdict": row.verdict,
+    }
+
+
 def by_hand(lab: Any, page: Any) -> bool:
     """Drag the big point of the first scene and its slider in turns; the last picture must come
     soon after the last move of either.
@@ -351,21 +364,7 @@ def main() -> None:
                 {k: f"{v:.3g}" if isinstance(v, float) else v for k, v in asdict(r).items()}
                 for r in rows
             )
-    record(
-        "explorers",
-        [
-            {
-                "what": row.explorer,
-                "ours_us": 1e3 * row.median_ms,
-                "peer": "interact and plt.show",
-                "peer_us": 1e3 * row.plain_ms,
-                "ratio": row.ratio,
-                "target": f"at most {row.ratio_limit:g} times as long",
-                "verdict": row.verdict,
-            }
-            for row in rows
-        ],
-    )
+    record("explorers", map(recorded, rows))
     sys.exit(any(row.verdict == "MISSED" for row in rows) or not kept)
 
 

@@ -7,18 +7,24 @@ import subprocess
 import sys
 
 import numpy as np
-from bench_montecarlo import SEED, TRIALS, draw, solve
+from bench_montecarlo import DESIGN, PRECISION_MM, SEED, SHIFTS_MM, TRIALS, draw, solve
 from records import growth
-from side_by_side import in_turn, one_thread, report, within
+from side_by_side import at_once, in_turn, one_thread, report, within
 
 import losbench as lb
 
 SIZES, MOST_MB, CLOSE = (100_000, 1_000_000, 10_000_000), 20.0, 2e-3
+HALF_A_MINUTE = 10_000_000  # trials by IRLS, about
 PROBABILITIES = (0.00135, 0.02275, 0.15865, 0.5, 0.84135, 0.97725, 0.99865)
 
 
 def throw(rng, size):
     return {"x": 1e5 + 50.0 * rng.standard_normal((size, 3))}
+
+
+def robust(rng, size):
+    noise = PRECISION_MM * rng.standard_normal((size, 3, 4))
+    return {"angles": lb.irls(DESIGN, SHIFTS_MM + noise, on_fail="ignore").x}
 
 
 def close(size: int) -> float:
@@ -45,6 +51,11 @@ def main() -> None:
     told = ", ".join(f"{size:g}: {mb:.0f} MB" for size, mb in held.items())
     print(f"{told}; quantiles off by {off:.1e} sigma at most")
     more = [
+        at_once(
+            f"{HALF_A_MINUTE} robust trials",
+            lambda pool: lb.study(robust, {}, HALF_A_MINUTE, seed=SEED, executor=pool),
+            at_least=1.6,
+        ),
         {
             "what": f"memory of {told}",
             "target": f"within {MOST_MB:g} MB",

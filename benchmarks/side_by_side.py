@@ -6,11 +6,15 @@ import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from records import record
+
+_IDLE = 0.5  # load, beyond which two processes do not have two cores to themselves
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,47 @@ def within(what: str, ours_s: float, limit: str, limit_s: float, at_most: float)
         f"at most {at_most:g} times as long",
         verdict,
     )
+
+
+def at_once(
+    what: str, work: Callable[[Executor | None], object], *, at_least: float
+) -> dict[str, Any]:
+    """Judge the wall time of two processes that have begun and idle against that of one; where
+    others keep the machine busy it is told beside processor time, and not judged.
+    """
+    busy = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    alone_s, alone_cpu_s = _spent(lambda: work(None))
+
+    def pooled() -> float:
+        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+            list(pool.map(time.sleep, [1.0, 1.0]))  # until both are there
+            return _spent(lambda: work(pool))[0]
+
+    both: list[float] = []
+    _, both_cpu_s = _spent(lambda: both.append(pooled()))
+    share = alone_s / both[0]
+    verdict = "ok" if share >= at_least else f"load {busy:.1f}" if busy > _IDLE else "MISSED"
+    print(
+        f"{what}: one process {alone_s:.1f} s, two {both[0]:.1f} s: {share:.2f} times as fast; "
+        f"processor {alone_cpu_s:.1f} s and, with their start, {both_cpu_s:.1f} s; load before "
+        f"{busy:.1f}: {verdict}"
+    )
+    return {
+        "what": f"{what}, two processes: processor {both_cpu_s:.3g} s",
+        "ours_us": 1e6 * both[0],
+        "peer": f"one process: processor {alone_cpu_s:.3g} s",
+        "peer_us": 1e6 * alone_s,
+        "ratio": share,
+        "target": f"at least {at_least:g} times faster",
+        "verdict": verdict,
+    }
+
+
+def _spent(work: Callable[[], object]) -> tuple[float, float]:
+    """Wall and processor time in seconds, that of processes which have ended included."""
+    wall, processor = time.perf_counter(), sum(os.times()[:4])
+    work()
+    return time.perf_counter() - wall, sum(os.times()[:4]) - processor
 
 
 def report(

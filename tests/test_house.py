@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
@@ -200,6 +201,37 @@ def test_a_script_says_how_it_is_used(script):
     )
     assert done.returncode == 0, done.stderr
     assert "usage:" in done.stdout
+
+
+def test_what_benches_record_can_be_kept_and_shown():
+    """Also of those that take a browser, or many minutes: their rows, of made-up numbers."""
+    program = """
+import json, bench_coverage, bench_explorers, bench_study, bench_telemetry, page
+names = bench_explorers.Row.__dataclass_fields__
+explorer = bench_explorers.Row(**{**dict.fromkeys(names, 1.5), "explorer": "A<B", "verdict": "MISSED"})
+rows = [
+    *bench_telemetry.rows_of(60.0, 1000.5),
+    bench_coverage.row_of("white  noise    0.951 0.949  ok"),
+    bench_explorers.recorded(explorer),
+]
+for row in json.loads(json.dumps(rows)):
+    print(page.row_of(row))
+"""
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT / "benchmarks",
+        env=os.environ | threads,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    took, held, coverage, explorer = done.stdout.splitlines()
+    assert ">1000000 rows<" in took and ">60 s<" in took and 'class="ok"' in took
+    assert ">1000000 rows: 1000 MB<" in held and 'class="MISSED"' in held
+    assert ">white noise 0.951 0.949<" in coverage and 'class="ok"' in coverage
+    assert ">A&lt;B<" in explorer and ">1.5 ms<" in explorer and 'class="MISSED"' in explorer
 
 
 def test_the_proof_runs_nothing_that_is_for_demand_only():
