@@ -247,21 +247,21 @@ def _around(bright: Indices, shape: tuple[int, ...]) -> Indices:
     steps = np.arange(-_REACH, _REACH + 1)
     if bright.size * 100 < height * width:
         column = bright % width
-        across = np.clip(column[:, None] + steps, 0, width - 1) + (bright - column)[:, None]
-        near = _each_once(across)
-        down = near[:, None] + width * steps
-        return _each_once(down[(down >= 0) & (down < height * width)])
+        last = bright + np.minimum(_REACH, width - 1 - column)
+        # Each adds what lies in its row beyond the reach of the one before: rising, each once.
+        first = np.maximum(bright - np.minimum(_REACH, column), np.append(0, last[:-1] + 1))
+        across = bright[:, None] + steps
+        near = across[(across >= first[:, None]) & (across <= last[:, None])]
+        down = (near + width * steps[:, None]).ravel()
+        # A stable sort merges rising runs.
+        ranked = np.sort(down[(down >= 0) & (down < height * width)], kind="stable")
+        return ranked[np.append(True, ranked[1:] != ranked[:-1])]
     import cv2
 
     found = np.zeros(shape, dtype=np.uint8)
     found.ravel()[bright] = 1
     near = cv2.dilate(found, np.ones((len(steps), len(steps)), dtype=np.uint8))
     return np.flatnonzero(near.view(bool))
-
-
-def _each_once(places: Indices) -> Indices:
-    ranked = np.sort(places, axis=None)
-    return ranked[np.concatenate([[True], ranked[1:] != ranked[:-1]])]
 
 
 def _beside(

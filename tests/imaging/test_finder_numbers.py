@@ -39,6 +39,16 @@ def test_a_path_may_lead_over_two_pixels_around_bright_ones(share):
         np.testing.assert_array_equal(found, np.flatnonzero(expected))
 
 
+@pytest.mark.parametrize("width", [1, 2, 4, 5, 7])
+def test_a_path_ends_at_the_border_of_frames_of_any_width(width):
+    for seed in range(8):
+        bright = np.random.default_rng(seed).random((1200 // width, width)) < 0.006
+        bright[-1, -1] = True
+        expected = ndimage.binary_dilation(bright, np.ones((5, 5)))
+        found = _around(np.flatnonzero(bright), bright.shape)
+        np.testing.assert_array_equal(found, np.flatnonzero(expected))
+
+
 def test_the_light_beside_a_pixel_is_that_of_its_neighbours_within_the_frame():
     pixels = np.random.default_rng(2).random((7, 9))
     row, column = (v.ravel() for v in np.mgrid[:7, :9])
