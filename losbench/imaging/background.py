@@ -336,12 +336,13 @@ def inverse_normal(sums: Floats) -> Floats:
     # Enough to invert what a corner of a frame or an empty ring leaves, too little to matter
     # elsewhere.
     n, sxx, syy = n + 1e-6, sxx + 1e-6, syy + 1e-6
-    adjugate = np.array(
-        [
-            [sxx * syy - sxy**2, sy * sxy - sx * syy, sx * sxy - sy * sxx],
-            [sy * sxy - sx * syy, n * syy - sy**2, sx * sy - n * sxy],
-            [sx * sxy - sy * sxx, sx * sy - n * sxy, n * sxx - sx**2],
-        ]
-    )
-    determinant = n * adjugate[0, 0] + sx * adjugate[0, 1] + sy * adjugate[0, 2]
-    return np.moveaxis(adjugate / determinant, -1, 0)
+    first, second, third = sxx * syy - sxy**2, sy * sxy - sx * syy, sx * sxy - sy * sxx
+    determinant = n * first + sx * second + sy * third
+    inverse = np.empty((len(sums), 3, 3))
+    inverse[:, 0, 0] = first / determinant
+    inverse[:, 0, 1] = inverse[:, 1, 0] = second / determinant
+    inverse[:, 0, 2] = inverse[:, 2, 0] = third / determinant
+    inverse[:, 1, 1] = (n * syy - sy**2) / determinant
+    inverse[:, 1, 2] = inverse[:, 2, 1] = (sx * sy - n * sxy) / determinant
+    inverse[:, 2, 2] = (n * sxx - sx**2) / determinant
+    return inverse

@@ -31,7 +31,7 @@ from losbench.imaging.widths import spot_widths
 __all__ = ["centroid", "default_window", "window_path"]
 
 
-_BLOCK_PIXELS = 350_000  # of one block of stamps: some 800 spots of six sigma stay in the cache
+_BLOCK_PIXELS = 500_000  # of one block of stamps: some 1100 spots of six sigma stay in the cache
 
 
 def centroid(

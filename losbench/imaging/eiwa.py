@@ -144,21 +144,20 @@ class EIWA:
         tolerance = rule.tolerance if self.tolerance is None else self.tolerance
         moving = np.arange(len(pixels))
         for k in range(self.max_iter):
-            some = pixels if moving.size == len(pixels) else pixels[moving]
-            seen = look(some, centre[moving], windows.side)
-            step = seen.centroid - centre[moving]
+            some = slice(None) if moving.size == len(pixels) else moving
+            seen = look(pixels[some], centre[some], windows.side)
+            step = seen.centroid - centre[some]
             ahead = step / np.maximum(1.0 - seen.contraction, 1.0 - NEWTON_LIMIT)
             # The derivative is worth having only near the fixed point and away from the pole.
             near = (k > 0) & (np.abs(seen.contraction) < NEWTON_LIMIT)
             move, left, small = rule.step(step, ahead, near)
-            centre[moving] += move
-            remaining[moving] = left
-            contraction[moving], total[moving] = seen.contraction, seen.total
-            n_iter[moving] += 1
+            centre[some] += move
+            remaining[some] = left
+            contraction[some], total[some] = seen.contraction, seen.total
+            n_iter[some] += 1
             rest: Bools = np.hypot(small[:, 0], small[:, 1]) < tolerance
-            converged[moving] = rest
-            within = (np.abs(centre[moving, 0]) <= 1.0) & (np.abs(centre[moving, 1]) <= 1.0)
-            moving = moving[~rest & within]
+            converged[some] = rest
+            moving = moving[~rest & (np.abs(centre[some]) <= 1.0).all(axis=1)]
             yield WindowFit(centre, remaining, n_iter, converged, Look(total, centre, contraction))
             if not moving.size:
                 break

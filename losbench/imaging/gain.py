@@ -133,8 +133,8 @@ def estimate_gain(
             found.append(_compared(stack, one, full_scale_dn, step))
     if not found:
         return Gain(0.0, np.inf, step)
-    per_dn, left, error = _slope(found)
-    return Gain(per_dn, error, step, _curve(found, per_dn, left))
+    slope = _slope(found)
+    return Gain(slope.per_dn, slope.error, step, _curve(found, slope))
 
 
 def recording_gain(engine: Engine, stack: NDArray[Any], places: Floats) -> Gain:
@@ -264,15 +264,33 @@ def _explaining(signal: Pixels, centre: Floats, width: float) -> Floats:
     return np.stack(columns, axis=-1).reshape(count, side**2, len(columns))
 
 
-def _slope(found: list[_Pairs]) -> tuple[float, float, float]:
-    """Slope of the variance over the signal, over what a shift leaves, and the error of the first;
-    by regression with the weights of the last.
+@dataclass(frozen=True)
+class _Samples:
+    """Samples of the variance of each pixel, and their weights, (P, S)."""
+
+    square: Floats
+    weight: Floats
+
+
+@dataclass(frozen=True)
+class _Slope:
+    """Slope of the variance over the signal, over what a shift leaves, the error of the first, and
+    the samples of each spot that they were read from.
     """
+
+    per_dn: float
+    left: float
+    error: float
+    samples: list[_Samples]
+
+
+def _slope(found: list[_Pairs]) -> _Slope:
+    """Regress the variance on the signal, with the weights of the last round."""
     per_dn, left, error = 0.0, 0.0, np.inf
     for k in range(_ROUNDS):
         normal, moment, spread = np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2))
-        for pairs in found:
-            seen = _samples(pairs, per_dn, left, first=k == 0)
+        samples = [_samples(pairs, per_dn, left, first=k == 0) for pairs in found]
+        for pairs, seen in zip(found, samples, strict=True):
             columns = np.stack([pairs.signal, pairs.shifted], axis=-1)
             weighted = seen.weight[..., None] * columns
             part = np.einsum("psi,psj->ij", weighted, columns)
@@ -289,16 +307,15 @@ def _slope(found: list[_Pairs]) -> tuple[float, float, float]:
             per_dn, left = float(moment[0] / max(normal[0, 0], 1e-300)), 0.0
             covariance = spread / max(normal[0, 0], 1e-300) ** 2
         per_dn, error = max(per_dn, 0.0), float(np.sqrt(covariance[0, 0]))
-    return per_dn, left, error if error > 0 else np.inf
+    return _Slope(per_dn, left, error if error > 0 else np.inf, samples)
 
 
-def _curve(found: list[_Pairs], per_dn: float, left: float) -> Transfer:
+def _curve(found: list[_Pairs], slope: _Slope) -> Transfer:
     """Mean variance over signal, in bins of as many pixels."""
     signal, square = [], []
-    for pairs in found:
-        seen = _samples(pairs, per_dn, left, first=False)
+    for pairs, seen in zip(found, slope.samples, strict=True):
         signal.append(pairs.signal[seen.weight > 0])
-        square.append((seen.square - left * pairs.shifted)[seen.weight > 0])
+        square.append((seen.square - slope.left * pairs.shifted)[seen.weight > 0])
     along, variance = np.concatenate(signal), np.concatenate(square)
     order = np.argsort(along)
     bins = [part for part in np.array_split(order, _BINS) if len(part)]
@@ -312,14 +329,6 @@ def _curve(found: list[_Pairs], per_dn: float, left: float) -> Transfer:
     )
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """Samples of the variance of each pixel, and their weights, (P, S)."""
-
-    square: Floats
-    weight: Floats
-
-
 def _samples(pairs: _Pairs, per_dn: float, left: float, *, first: bool) -> _Samples:
     """Half the squares of what nothing explains of the differences, corrected for leverage.
 
@@ -328,15 +337,17 @@ def _samples(pairs: _Pairs, per_dn: float, left: float, *, first: bool) -> _Samp
     variance = pairs.floor + np.maximum(per_dn * pairs.signal, 0.0) + left * pairs.shifted
     variance = np.maximum(variance, 1e-30)
     root = np.sqrt(variance)
-    columns = np.where(pairs.use[..., None], pairs.basis, 0.0) / root[..., None]
-    length = np.sqrt((columns**2).sum(axis=1, keepdims=True))
-    columns /= np.where(length > 0, length, 1.0)
-    values, vectors = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
+    columns = pairs.basis * (pairs.use / root)[..., None]
+    normal = columns.swapaxes(1, 2) @ columns
+    length = np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
+    length = np.where(length > 0, length, 1.0)[:, :, None]
+    values, vectors = np.linalg.eigh(normal / (length * length.swapaxes(1, 2)))
     kept = values > _ALIKE
-    across = columns @ (vectors * (kept / np.sqrt(np.where(kept, values, 1.0)))[:, None, :])
+    vectors *= (kept / np.sqrt(np.where(kept, values, 1.0)))[:, None, :]
+    across = columns @ (vectors / length)
     data = pairs.difference / root
     rest = data - (across @ (across.swapaxes(1, 2) @ data[..., None]))[..., 0]
-    leverage = (across**2).sum(axis=2)
+    leverage = np.einsum("psk,psk->ps", across, across)
     square = rest**2 / (2.0 * np.maximum(1.0 - leverage, 1e-6)) * variance
     use = pairs.use & (leverage < _OWN)
     if not first:

@@ -60,8 +60,9 @@ def as_method(method: CentroidMethod | str, given: MethodFields) -> CentroidMeth
     if unknown:
         raise TypeError(f"no centroid has a field {unknown[0]!r}")
     chosen = {name: value for name, value in given.items() if value is not None}
-    # A name is known as one at once; a protocol looks for each of its members.
-    if not isinstance(method, str) and isinstance(method, CentroidMethod):
+    # A name and a class of ours are known at once; a protocol looks for each of its members.
+    ours = type(method) in _METHODS.values()
+    if not isinstance(method, str) and (ours or isinstance(method, CentroidMethod)):
         if chosen:
             name, value = next(iter(chosen.items()))
             raise ValueError(
