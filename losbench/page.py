@@ -26,6 +26,7 @@ __all__ = [
     "Answer",
     "Doubt",
     "Picture",
+    "most_telling",
     "page",
     "replies_to_dict",
     "section",
@@ -40,6 +41,7 @@ QUESTIONS = (
     "What would change it?",
     "How was it made?",
 )
+_NOTHING: tuple[object, ...] = (None, [], {})
 _INK, _GRID = "#000000", "#e3e3e3"
 
 
@@ -119,6 +121,16 @@ def replies_to_dict(replies: Sequence[Answer]) -> list[dict[str, str]]:
         {"question": question, "answer": reply.word, "state": reply.state, "said": reply.text}
         for question, reply in zip(QUESTIONS, replies, strict=False)
     ]
+
+
+def most_telling(doubts: Sequence[str]) -> str:
+    """Return the first two doubts, and how many more there are.
+
+    >>> most_telling(["One.", "Two.", "Three."])
+    'One. Two. And 1 more, below.'
+    """
+    more = len(doubts) - 2
+    return " ".join([*doubts[:2], *[f"And {more} more, below."] * (more > 0)])
 
 
 def section(title: str, *parts: str) -> str:
@@ -233,9 +245,14 @@ def _how_made(made: Made, files: Iterable[str]) -> list[str]:
             table(heads, inputs, caption="Inputs"),
             sentences([several] * any(each.n_files > 1 for each in made.inputs)),
         ),
-        section("Settings", table(["setting", "value"], _shown(made), caption="Every setting")),
         section(
-            "Versions", table(["package", "version"], made.versions.items(), caption="Versions")
+            "Settings",
+            table(["setting", "value"], _given(made), caption="As given, or by default"),
+            _left_out(made),
+        ),
+        section(
+            "Versions",
+            table(["package", "version"], made.versions.items(), caption="Of what computed it"),
         ),
         section("Files beside this page", sentences(files)),
     ]
@@ -245,11 +262,21 @@ def _when(made: Made) -> str:
     return sentences([f"Run at {made.when_utc}."])
 
 
-def _shown(made: Made) -> list[list[str]]:
+def _given(made: Made) -> list[list[str]]:
     return [
-        [name, "not given" if value in (None, [], {}) else str(value)]
+        [name, ", ".join(map(_said, value if isinstance(value, list) else [value]))]
         for name, value in sorted(made.settings.items())
+        if value not in _NOTHING
     ]
+
+
+def _said(value: object) -> str:
+    return ("no", "yes")[value] if isinstance(value, bool) else str(value)
+
+
+def _left_out(made: Made) -> str:
+    names = sorted(name for name, value in made.settings.items() if value in _NOTHING)
+    return sentences([f"Not given: {', '.join(names)}."] * bool(names))
 
 
 def _cell(value: object) -> str:

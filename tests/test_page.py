@@ -87,6 +87,14 @@ def test_tables_name_their_rows_and_columns(whole):
     assert len(found.all("caption")) == len(found.all("table")) == 3
 
 
+def test_settings_that_were_not_given_are_named_in_a_line():
+    made = Made(settings={"b": None, "a": [], "files": ["x", "y"], "fast": False, "count": 0})
+    whole = page("", "", [], {}, made=made)
+    assert "<p>Not given: a, b.</p>" in whole
+    for name, value in {"files": "x, y", "fast": "no", "count": "0"}.items():
+        assert f'<th scope="row">{name}</th><td>{value}</td>' in whole
+
+
 def test_a_chapter_without_a_word_is_left_out(whole):
     assert [h2["id"] for h2 in Checked(whole).all("h2")] == [
         "did-it-work",

@@ -44,6 +44,11 @@ _SMALLEST_RANGE_DEGC = 0.5
 _SHORTEST_LAG = 0.2  # median steps; a lag that may be shorter is none
 _MANY = 3000  # points of a line, beyond which it is drawn as an image
 _MARKS = "os^D"
+_MEANING = (
+    "One sigma (rms), as ECSS-E-ST-60-10C names them. APE: all of the error; MPE: that of a "
+    "window's mean; RPE: what moves within a window, of which smear is the straight motion and "
+    "jitter the rest."
+)
 
 
 @dataclass(frozen=True)
@@ -220,8 +225,7 @@ def sensitivity_section(fit: Sensitivity, *drawn: str, title: str = "") -> str:
     heads = [
         "series",
         "sensitivity (arcsec/degC)",
-        "95 % from",
-        "to",
+        "95 % interval",
         "by one lag",
         "lag (s)",
         "lag is",
@@ -231,14 +235,14 @@ def sensitivity_section(fit: Sensitivity, *drawn: str, title: str = "") -> str:
     ]
     rows = [
         [
-            fit.names[key],
-            each["arcsec_per_degC"],
-            *each["interval_95_arcsec_per_degC"],
-            each["one_lag_arcsec_per_degC"],
-            each["lag_s"],
+            _together(fit.names[key]),
+            _short(each["arcsec_per_degC"]),
+            _between(*each["interval_95_arcsec_per_degC"]),
+            _short(each["one_lag_arcsec_per_degC"]),
+            "" if each["lag_s"] is None else f"{each['lag_s']:.0f}",
             each["lag_state"],
             "" if each["one_lag_p_value"] is None else f"{each['one_lag_p_value']:.2g}",
-            each["rms_arcsec"],
+            _short(each["rms_arcsec"]),
             each["set_aside"],
         ]
         for key, each in fit.numbers().items()
@@ -246,7 +250,7 @@ def sensitivity_section(fit: Sensitivity, *drawn: str, title: str = "") -> str:
     return section(
         f"Sensitivity to temperature{title}",
         table(heads, rows, caption=f"Sensitivity to {fit.column}, at rest"),
-        sentences([*fit.sentences(), *fit.notes()]),
+        sentences(fit.notes()),
         *drawn,
     )
 
@@ -259,11 +263,14 @@ def metrics_section(
     for key in METRICS:
         metric = getattr(found, key)
         cells = [
-            [float(rad_to_arcsec(metric.value[i])), *map(float, rad_to_arcsec(metric.interval[i]))]
+            (
+                _short(float(rad_to_arcsec(metric.value[i]))),
+                _between(*map(float, rad_to_arcsec(metric.interval[i]))),
+            )
             for i in range(len(names))
         ]
         rows.append([_word(key), *(cell for row in cells for cell in row)])
-    ends = (" (arcsec)", ", from", ", to")
+    ends = (" (arcsec)", ", 95 %")
     heads = ["metric", *(f"{name}{end}" for name in names.values() for end in ends)]
     caption = (
         f"Over {found.windows} windows of {found.window_s:.4g} s, with 95 % intervals; "
@@ -272,7 +279,7 @@ def metrics_section(
     return section(
         f"Pointing metrics{title}",
         table(heads, rows, caption=caption),
-        sentences([*metric_sentences(found, names), *found.notes]),
+        sentences([_MEANING, *found.notes]),
         *drawn,
     )
 
@@ -335,6 +342,25 @@ def table_of(frame: pd.DataFrame, names: Mapping[str, str]) -> str:
 def finite(value: float, digits: int = 6) -> float | None:
     """Return a number for a file, None where there is none: JSON knows no NaN."""
     return round(float(value), digits) if np.isfinite(value) else None
+
+
+def _short(value: float | None) -> str:
+    return "" if value is None or not np.isfinite(value) else _digits(value)
+
+
+def _digits(value: float) -> str:
+    return f"{value:#.3g}".rstrip(".")
+
+
+def _between(low: float | None, high: float | None) -> str:
+    if low is None or high is None or not np.isfinite([low, high]).all():
+        return ""
+    return _together(f"{_digits(low)} to {_digits(high)}")
+
+
+def _together(text: str) -> str:
+    """Text that a narrow column does not break."""
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _word(key: str) -> str:

@@ -37,7 +37,14 @@ def _on_choice(surveys: Sequence[Survey]) -> list[str]:
         return []
     if len(reasons) == 1:
         return [f"Centroids by {reasons[0]}."]
-    each = (f"{reason} (stamp {k})" for k, reason in enumerate(reasons, 1) if reason)
+    stamps: dict[str, list[str]] = {}
+    for k, reason in enumerate(reasons, 1):
+        if reason:
+            stamps.setdefault(reason.partition(":")[0], []).append(str(k))
+    each = (
+        f"{method} (stamp{'s' * (len(those) > 1)} {', '.join(those)})"
+        for method, those in stamps.items()
+    )
     return [f"Centroids by {'; '.join(each)}."]
 
 
@@ -60,7 +67,7 @@ def _on_noise(surveys: Sequence[Survey]) -> list[str]:
             f"Predicted errors rest on the detector: {given.gain_e_per_dn:.4g} e-/DN, "
             f"{given.read_noise_e:.4g} e- read noise."
         )
-        return [said, *dict.fromkeys(doubt for survey in surveys for doubt in survey.doubts)]
+        return [said, *_against_detector(surveys)]
     found = [survey.found for survey in surveys if survey.found.known]
     notes = []
     if len(found) < len(surveys):
@@ -84,6 +91,23 @@ def _on_noise(surveys: Sequence[Survey]) -> list[str]:
             "The noise is below half a step of the readings: predicted errors are too large."
         )
     return notes
+
+
+def _against_detector(surveys: Sequence[Survey]) -> list[str]:
+    """What speaks against the detector: of several stamps the first one's, and how many there
+    are.
+    """
+    doubted = [k for k, survey in enumerate(surveys) if survey.doubts]
+    if not doubted:
+        return []
+    first = surveys[doubted[0]].doubts
+    if len({doubt for survey in surveys for doubt in survey.doubts}) <= len(first):
+        return list(first)
+    return [
+        *first,
+        f"That is stamp {doubted[0] + 1}; the frames of {len(doubted)} of {len(surveys)} stamps "
+        "contradict the detector, each by numbers of its own.",
+    ]
 
 
 def _on_skipped(skipped: dict[int, str], n_frames: int) -> list[str]:

@@ -32,6 +32,7 @@ __all__ = [
 
 _MANY = 3000  # points of a line, beyond which it is drawn as an image
 _CUTS, _COLUMNS = 12, 6  # spots that are shown near to, and how many of them beside each other
+_LINES = (".-", "x--", "^:", "s-.")  # of spots beyond the number of colours
 _NEAR_PX = 12  # half a side of these, where the window is not known
 
 
@@ -46,8 +47,9 @@ def frame_figure(measurement: Measurement, recording: Recording) -> Figure:
     pixels = [stamp.read(k, k + 1, skip=True).frames[0] for stamp in recording.stamps]
     origins = [np.array(stamp.origin_px, dtype=float) for stamp in recording.stamps]
     whole, shown = len(pixels) == 1, min(len(xy), _CUTS)
-    columns = min(shown, _COLUMNS)
-    n_rows, side = -(-shown // columns), 8.0 / max(columns, 3)
+    n_rows = -(-shown // _COLUMNS)
+    columns = -(-shown // n_rows)
+    side = 8.0 / max(columns, 3)
     heights = [side] * n_rows
     if whole:
         heights.insert(0, min(8.0 * pixels[0].shape[0] / pixels[0].shape[1], 9.0))
@@ -167,11 +169,14 @@ def temperature_figure(measurement: Measurement) -> Figure:
 
 
 def _by_spot(axis: Axes, along: NDArray[Any], values: Floats) -> None:
+    import matplotlib as mpl
+
+    colours = len(mpl.rcParams["axes.prop_cycle"])
     for spot in range(values.shape[1]):
         axis.plot(
             along,
             values[:, spot],
-            ".-",
+            _LINES[spot // colours % len(_LINES)],  # no two spots look the same
             ms=3,
             lw=0.8,
             label=f"spot {spot + 1}",

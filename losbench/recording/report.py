@@ -92,7 +92,7 @@ def write_report(
         told = Told(measurement, recording, belief, fit, drawn, made or Made(), metrics)
         replies = answers(told)
         files: dict[str, str | bytes] = {
-            "report.html": _page(told, replies, counted),
+            "report.html": _page(told, replies),
             "measurement.csv": table.to_csv(index=False, lineterminator="\n", float_format="%.9g"),
         }
         if fit is not None:
@@ -122,10 +122,19 @@ def write_report(
     return [counted, *measurement.notes, *said, f"Written to {results.folder}: {names}"]
 
 
-def _page(told: Told, replies: list[Answer], counted: str) -> str:
+def _subtitle(told: Told) -> str:
+    frames, spots = told.measurement.xy_px.shape[:2]
+    line = f"{frames} frames of {spots} spot{'s' * (spots > 1)}"
+    seconds = told.measurement.table.get("time_s")
+    if seconds is not None and seconds.notna().any():
+        line += f" within {seconds.max() - seconds.min():.6g} s"
+    return f"{line}, measured at {told.made.when_utc}"
+
+
+def _page(told: Told, replies: list[Answer]) -> str:
     return page(
         f"Measurement of {told.recording.source.resolve().name}",
-        counted,
+        _subtitle(told),
         replies,
         {question: [say(told) for say in parts] for question, parts in CHAPTERS.items()},
         made=told.made,
@@ -148,8 +157,8 @@ def _pictures(
     drawn = {
         "frame": Picture(
             "A frame with its spots",
-            "The first frame that shows every spot, and each spot near to; a cross marks the "
-            "centroid, a square its window.",
+            "The first frame that shows every spot, and each spot from near, in pixels of the "
+            "detector; a circle finds the spot, a cross marks the centroid, a square its window.",
             pictures.frame_figure(measurement, recording),
         ),
         "shifts": Picture(
@@ -161,7 +170,7 @@ def _pictures(
     if measurement.attitude is not None:
         drawn["angles"] = Picture(
             "Angles over time",
-            "The rotation that the shifts tell of, with its one-sigma error.",
+            "The rotation that the shifts tell of, with the one-sigma error of each frame.",
             pictures.angles_figure(measurement),
         )
         drawn["leftover"] = Picture(

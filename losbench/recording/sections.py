@@ -14,7 +14,7 @@ import numpy as np
 
 from losbench.imaging.results import SpotFlag
 from losbench.made import Made
-from losbench.page import QUESTIONS, Answer, Picture, section, sentences, table
+from losbench.page import QUESTIONS, Answer, Picture, most_telling, section, sentences, table
 from losbench.pointing.performance import PointingMetrics
 from losbench.pointing.told import Sensitivity, metrics_section, sensitivity_section
 from losbench.recording.belief import Belief
@@ -56,7 +56,7 @@ def answers(told: Told) -> list[Answer]:
         "good" if all_known else "care" if known.any() else "bad",
     )
     believed = (
-        Answer("With care", " ".join(doubts[:2]), "care")
+        Answer("With care", most_telling(doubts), "care")
         if doubts
         else Answer("Yes", "The data themselves speak against none of it.", "good")
     )
@@ -89,17 +89,28 @@ def _number(told: Told) -> Answer:
             for axis, each in found.items()
             if AXES[axis] == first
         )
-        others = ", ".join(f"{sizes[axis]:+.3g} about {axis}" for axis in sizes if axis != first)
+        others = ", ".join(
+            f"{sizes[axis]:+.3g} about {axis}" + " (not told from none)" * (axis not in known)
+            for axis in sizes
+            if axis != first
+        )
         return Answer(
-            f"{sizes[first]:+.4g} arcsec/degC",
-            f"about {first} (95 %: {low:+.4g} to {high:+.4g}); {others}.",
+            f"{sizes[first]:+.3g} arcsec/degC",
+            f"about {first} (95 %: {low:+.3g} to {high:+.3g}); {others}.",
         )
     if told.measurement.attitude is not None:
-        span = np.ptp(_known(rad_to_arcsec(told.measurement.attitude.angles)), axis=0)
-        largest_axis = int(np.argmax(span))
+        axes = numbers(told)["angles"]
+        widest = max(axes, key=lambda axis: axis["peak_to_valley_arcsec"])
+        others = ", ".join(
+            f"{axis['peak_to_valley_arcsec']:.3g} about {axis['axis']} (± "
+            f"{axis['one_sigma_of_a_frame_arcsec']:.2g})"
+            for axis in axes
+            if axis is not widest
+        )
         return Answer(
-            f"{span[largest_axis]:.4g} arcsec",
-            f"peak to valley about {list(AXES.values())[largest_axis]}, the largest of three axes.",
+            f"{widest['peak_to_valley_arcsec']:.3g} arcsec",
+            f"peak to valley about {widest['axis']}, the largest of three axes, where one frame "
+            f"is known to ± {widest['one_sigma_of_a_frame_arcsec']:.2g} (1 sigma); {others}.",
         )
     span = np.nanmax(told.measurement.shifts_px, axis=0) - np.nanmin(
         told.measurement.shifts_px, axis=0
@@ -112,7 +123,8 @@ def _doubts(told: Told) -> list[str]:
     """What speaks against the numbers, a sentence each."""
     belief = told.belief
     of_scatter = belief.sentences()[0]
-    lines = [] if of_scatter.endswith(": as predicted.") else [of_scatter]
+    untested = of_scatter.endswith("too few frames to tell.")
+    lines = [] if untested or of_scatter.endswith(": as predicted.") else [of_scatter]
     if any(survey.doubts for survey in told.measurement.surveys):
         lines.append("The frames contradict the detector.")
     untold = _untold(told)
@@ -127,7 +139,7 @@ def _doubts(told: Told) -> list[str]:
     slope = belief.slope
     if slope is not None and abs(slope.value - 1.0) > 3.0 * slope.error:
         lines.append("Two centroids disagree about the drift.")
-    return lines
+    return [*lines, of_scatter] if untested else lines
 
 
 def _untold(told: Told) -> list[str]:
@@ -146,16 +158,19 @@ def _changes(told: Told) -> list[str]:
                 f"A longer record: about {', '.join(untold)} it does not tell how far the angle "
                 "lags behind the temperature, and the sensitivity depends on that."
             )
-        lines.append(
-            f"Another sensor: the sensitivity is to {fit.column}, the first of "
-            f"{len(temperature_columns(measurement.table))}."
-        )
+        sensors = len(temperature_columns(measurement.table))
+        if sensors > 1:
+            lines.append(
+                f"Another sensor: the sensitivity is to {fit.column}, the first of {sensors}."
+            )
     elif measurement.attitude is not None:
         lines.append("Temperatures that move: without them there is no sensitivity.")
     if measurement.attitude is None:
         lines.append("A camera: with its focal length the shifts become angles.")
     if told.recording.detector is None:
         lines.append("A detector's gain and noise: the predicted errors would be those of it.")
+    elif any(survey.doubts for survey in measurement.surveys):
+        lines.append("The detector's true gain and noise: the predicted errors rest on them.")
     if measurement.xy_px.shape[1] == 2 and measurement.attitude is not None:
         lines.append("A third spot: two cannot tell which of them is bad.")
     return lines
@@ -238,14 +253,26 @@ def notes(told: Told) -> str:
     return section("What was noticed", sentences(told.measurement.notes))
 
 
+def against(told: Told) -> str:
+    """All that speaks against the numbers."""
+    return section("What speaks against it", sentences(_doubts(told)))
+
+
 def scatter(told: Told) -> str:
     """Scatter against predicted error, of each coordinate."""
-    heads = ["coordinate", "scatter (px)", "predicted (px)", "ratio", "error of the ratio"]
-    rows = [[name, *map(float, row)] for name, *row in told.belief.to_frame().itertuples()]
+    heads = ["coordinate", "scatter (mpx)", "predicted (mpx)", "ratio", "error of the ratio"]
+    rows = [
+        [
+            name,
+            *(f"{1e3 * px:.3g}" for px in row[:2]),
+            *("" if np.isnan(ratio) else f"{ratio:.2f}" for ratio in row[2:]),
+        ]
+        for name, *row in told.belief.to_frame().itertuples()
+    ]
     return section(
         "Scatter against predicted error",
         sentences(told.belief.sentences()),
-        table(heads, rows, caption="From frame to frame, and as predicted"),
+        table(heads, rows, caption="From frame to frame, and as predicted, in 1/1000 of a pixel"),
     )
 
 
@@ -288,7 +315,7 @@ def angles(told: Told) -> str:
         "one-sigma error of a frame (arcsec)",
     ]
     rows = [list(each.values()) for each in numbers(told)["angles"]]
-    return section("Angles", table(heads, rows, caption="Angles"), _drawn(told, "angles"))
+    return section("Angles", table(heads, rows, caption="Over all frames"), _drawn(told, "angles"))
 
 
 def shifts(told: Told) -> str:
@@ -302,7 +329,7 @@ def temperatures(told: Told) -> str:
     rows = [list(each.values()) for each in numbers(told)["temperatures"]]
     return section(
         "Temperatures",
-        table(heads, rows, caption="Temperatures at the frames"),
+        table(heads, rows, caption="At the frames"),
         _drawn(told, "temperature"),
     )
 
@@ -314,7 +341,7 @@ def changes(told: Told) -> str:
 
 CHAPTERS: dict[str, list[Callable[[Told], str]]] = {
     _WORKED: [spots, notes],
-    _BELIEF: [scatter, flags, leftover],
+    _BELIEF: [against, scatter, flags, leftover],
     _NUMBER: [sensitivity, metrics, angles, shifts, temperatures],
     _CHANGE: [changes],
 }

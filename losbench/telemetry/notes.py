@@ -138,10 +138,10 @@ def clock_notes(read: Telemetry, angle: pd.DataFrame) -> list[str]:
             why = str(error)
             continue
         added, error_ms = 1e3 * offset.seconds, 1e3 * offset.sigma_s
+        digits = 0 if error_ms >= 10.0 else 1
         line = (
-            f"The heads agree best with {added:+.1f} +- {error_ms:.1f} ms added to the second "
-            "one's time tags (track "
-            f"{track}; white noise assumed)."
+            f"The heads agree best with {added:+.{digits}f} +- {error_ms:.{digits}f} ms added to "
+            f"the second one's time tags (track {track}; white noise assumed)."
         )
         if abs(added) > _CLEAR_OFFSET * error_ms:
             return [Doubt(f"{line} That is far from 0: put the tags right first.")]

@@ -10,8 +10,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from losbench.made import Made
-from losbench.page import QUESTIONS, Answer, Doubt, Picture, section, sentences, table
+from losbench.page import QUESTIONS, Answer, Doubt, Picture, most_telling, section, sentences, table
 from losbench.pointing.told import (
     compensated_figure,
     metrics_figure,
@@ -57,9 +59,9 @@ def answers(told: Told) -> list[Answer]:
         "good" if missing <= _MISSING else "care" if known else "bad",
     )
     believed = (
-        Answer("With care", " ".join(doubts[:2]), "care")
+        Answer("With care", most_telling(doubts), "care")
         if doubts
-        else Answer("Yes", "The telemetry itself speaks against none of it.", "good")
+        else Answer("Yes", f"Nothing speaks against it. {_steadiest(told.pairs[0])}", "good")
     )
     lines = _changes(told)
     count = f"{len(lines)} thing{'s' * (len(lines) > 1)}" if lines else "Nothing known"
@@ -112,13 +114,27 @@ def _counted(told: Told) -> tuple[int, int]:
     return known, sum(len(pair.angle) for pair in told.pairs)
 
 
+def _steadiest(report: PairReport) -> str:
+    """How much steadier the angle is than by the next convention."""
+    pair = report.telemetry.pair
+    found = evidence(pair.quaternions, tuple(pair.boresight))
+    named = next(each for each in found if each.convention == pair.convention)
+    others = min(each.scatter_arcsec for each in found if each is not named)
+    return (
+        f"By the convention named the angle scatters by {named.scatter_arcsec:.2g} arcsec, by any "
+        f"other by {others:.2g} or more."
+    )
+
+
 def _number(report: PairReport) -> Answer:
     angle = report.zero_deg + report.angle["before_arcsec"].mean() / 3600.0
     line = track_lines(report.tracks, report.zero_deg)[-1]
     said = line if line.startswith("track") and " to " in line else ""
     spread = report.angle["before_arcsec"].std(ddof=0)
     first = f"between heads {report.heads[0]} and {report.heads[1]}, standard deviation "
-    return Answer(f"{angle:.5f} deg", f"{first}{spread:.3g} arcsec. {said}")
+    sigma = report.tracks["mean_before_sigma_arcsec"].iloc[0] if len(report.tracks) == 1 else 0.0
+    error = f"; the mean is known to ± {sigma:.2g} arcsec (1 sigma)" if sigma > 0 else ""
+    return Answer(f"{angle:.5f} deg", f"{first}{spread:.3g} arcsec{error}. {said}".strip())
 
 
 def _changes(told: Told) -> list[str]:
@@ -149,7 +165,7 @@ def samples(told: Told) -> str:
         for row in _tracks(told)
     ]
     heads = ["heads"] * (len(told.pairs) > 1) + ["track", "start", "samples", "without an angle"]
-    return section("Tracks", table(heads, rows, caption="Tracks" + _cut(told)))
+    return section("Tracks", table(heads, rows, caption="Samples of each track" + _cut(told)))
 
 
 def notes(told: Told) -> str:
@@ -198,16 +214,16 @@ def angles(told: Told) -> str:
         ),
         "total_before_arcsec": "total, 3 sigma",
         **({"total_after_arcsec": "total corrected"} if after else {}),
-        "lsfe_unbiased_arcsec": "LSFE",
+        "lsfe_unbiased_arcsec": "slow (LSFE), 3 sigma",
         "lsfe_unbiased_sigma_arcsec": "its error",
-        "nea_unbiased_arcsec": "NEA",
+        "nea_unbiased_arcsec": "noise (NEA), 3 sigma",
         "nea_unbiased_sigma_arcsec": "its error",
     }
     rows = [
         [
             *([row["heads"]] if "heads" in row else []),
             row["track"],
-            *(float(row[name]) for name in columns),
+            *(f"{row[name]:.3g}" if np.isfinite(row[name]) else "" for name in columns),
         ]
         for row in _tracks(told)
     ]
@@ -216,7 +232,7 @@ def angles(told: Told) -> str:
         for several, _, pair in told.named()
     )
     heads = [*["heads"] * (len(told.pairs) > 1), "track", *columns.values()]
-    caption = f"Angle less {zeros}, and its split, arcsec{_cut(told)}"
+    caption = f"Angle less {zeros}, and its split into slow error and noise, arcsec{_cut(told)}"
     return section("Angle between the heads", table(heads, rows, caption=caption)) + _drawn(
         told, "", "angle"
     )

@@ -12,7 +12,16 @@ from losbench.imaging.results import SpotFlag
 from losbench.recording import pictures
 from losbench.recording.belief import Belief, Slope, drift_slope, sampling_error, second_differences
 from losbench.recording.notes import notes_on_frames
-from losbench.recording.sections import Told, angles, answers, flags, scatter, spots, temperatures
+from losbench.recording.sections import (
+    Told,
+    against,
+    angles,
+    answers,
+    flags,
+    scatter,
+    spots,
+    temperatures,
+)
 from losbench.recording.table import measurement_table
 from losbench.recording.table import temperatures as at_frames
 from losbench.recording.track import Track
@@ -46,7 +55,7 @@ def measured(n_spots=3, *, attitude=True, lost=0, marked=0, **changes):
         attitude=fit if attitude else None,
         table=pd.DataFrame({"frame": np.arange(N), "temperature_box_degC": celsius}),
         notes=["a note"],
-        **changes,
+        **{"surveys": ()} | changes,
     )
 
 
@@ -113,12 +122,33 @@ def test_no_more_than_two_doubts_are_named():
     everything = told(measured(marked=40), belief(3.0, p_value=p, slope=Slope(2.0, 0.01)))
     text = answers(everything)[1].text
     assert "scatter more" in text and "carry a flag" in text and "only turns" not in text
+    assert text.endswith("And 2 more, below.")
+    below = against(everything)
+    assert all(said in below for said in ("carry a flag", "only turns", "Two centroids disagree"))
+    assert against(told()) == ""
+
+
+def test_what_cannot_be_tested_comes_last():
+    answer = answers(told(measured(marked=40), belief(error=np.nan)))[1]
+    assert answer.text.endswith("Scatter over predicted error: too few frames to tell.")
+
+
+@pytest.mark.parametrize("doubted", [False, True])
+def test_a_detector_that_the_frames_contradict_is_doubted_and_would_change_the_errors(doubted):
+    survey = SimpleNamespace(doubts=("a doubt",) * doubted, method=lb.EIWA(13))
+    known = measured(surveys=(survey,))
+    asked = answers(told(known))
+    assert (asked[1].text == "The frames contradict the detector.") is doubted
+    assert asked[3].word == ("2 things" if doubted else "1 thing")
 
 
 def test_the_number_is_the_widest_span():
     answer = answers(told())[2]
     assert answer.word == "5 arcsec"
-    assert answer.text == "peak to valley about Y, the largest of three axes."
+    assert answer.text == (
+        "peak to valley about Y, the largest of three axes, where one frame is known to ± 0.3 "
+        "(1 sigma); 3 about X (± 0.2), 4 about Z (± 0.5)."
+    )
     shifts = answers(told(measured(attitude=False)))[2]
     assert (shifts.word, shifts.text) == ("6 px", "peak to valley of spot 3 along y.")
 
@@ -155,8 +185,8 @@ def cells(html, row):
 
 def test_spots_are_counted_as_seen_and_as_flagged():
     html = spots(told(measured(lost=8, marked=4)))
-    assert cells(html, 1) == ["20.000", "30.000", "92", "2"]
-    assert cells(html, 2) == ["45.000", "55.000", "100", "1"]
+    assert cells(html, 1) == ["20.000", "30.000", "", "92", "2"]
+    assert cells(html, 2) == ["45.000", "55.000", "", "100", "1"]
     assert "Spots, in 100 frames" in html
 
 
@@ -186,7 +216,7 @@ def test_scatter_and_flags_are_those_of_the_belief():
     )
     known = told(measured(1), of)
     found = [[float(v) for v in cells(scatter(known), name)] for name in ("x1", "y1")]
-    np.testing.assert_allclose(found, [[0.02, 0.01, 2.0, 0.25], [0.03, 0.02, 1.5, 0.25]])
+    np.testing.assert_allclose(found, [[20.0, 10.0, 2.0, 0.25], [30.0, 20.0, 1.5, 0.25]])
     assert cells(flags(known), "RING")[0] == "4" and "Of 100 centroids" in flags(known)
 
 
@@ -258,7 +288,7 @@ def test_three_unreadable_frames_are_named_and_the_rest_counted(skipped):
     raised = np.zeros((20, 2), int)
     raised[:5, 0] = int(SpotFlag.RING | SpotFlag.EDGE)
     track = Track(xy, xy, raised, dict.fromkeys(range(skipped), "damaged"))
-    known = SimpleNamespace(noise=lb.Detector(), doubts=("a doubt",))
+    known = SimpleNamespace(noise=lb.Detector(), doubts=("a doubt",), black=0.0, reason="")
     notes = notes_on_frames(track, [known, known])
     if skipped:
         named = ", ".join(f"frame {k} (damaged)" for k in range(min(skipped, 3)))
@@ -271,6 +301,22 @@ def test_three_unreadable_frames_are_named_and_the_rest_counted(skipped):
     ]
     assert notes[2].startswith("Predicted errors rest on the detector: 1 e-/DN")
     assert notes[3:] == ["a doubt"]
+
+
+def test_stamps_that_differ_are_gathered():
+    xy = np.full((3, 2, 2), 5.0)
+    surveys = [
+        SimpleNamespace(noise=lb.Detector(), doubts=doubts, black=0.0, reason=f"{how}: because")
+        for how, doubts in (("eiwa", ()), ("weighted", ("one", "two")), ("eiwa", ("three",)))
+    ]
+    notes = notes_on_frames(Track(xy, xy, np.zeros((3, 2), int), {}), surveys)
+    assert notes[0] == "Centroids by eiwa (stamps 1, 3); weighted (stamp 2)."
+    assert notes[2:] == [
+        "one",
+        "two",
+        "That is stamp 2; the frames of 2 of 3 stamps contradict the detector, each by numbers of "
+        "its own.",
+    ]
 
 
 def test_the_table_holds_each_number_under_its_name():
@@ -322,7 +368,7 @@ def test_frames_outside_the_log_are_counted(tmp_path, until, without):
 def test_a_spot_is_shown_with_twelve_pixels_around_it(xy):
     image = np.arange(60 * 80).reshape(60, 80)
     origin = np.array([100.0, 200.0])
-    near, corner = pictures._near(image, origin, np.array(xy) + origin)
+    near, corner = pictures._near(image, origin, np.array(xy) + origin, None)
     x, y = np.rint(xy).astype(int)
     left, top = max(x - 12, 0), max(y - 12, 0)
     np.testing.assert_array_equal(near, image[top : min(y + 13, 60), left : min(x + 13, 80)])
@@ -361,15 +407,23 @@ def test_lines_of_more_than_three_thousand_points_are_images(n, image):
     assert all(bool(line.get_rasterized()) == image for line in lines)
 
 
+def test_no_two_spots_look_the_same():
+    known = SimpleNamespace(
+        shifts_px=np.zeros((5, 20, 2)), table=pd.DataFrame({"frame": np.arange(5)})
+    )
+    lines = pictures.shifts_figure(known).axes[0].lines
+    assert len({(a.get_color(), a.get_marker(), a.get_linestyle()) for a in lines}) == 20
+
+
 @pytest.mark.parametrize("n_spots", [1, 2, 6, 8])
-def test_six_spots_are_shown_near_to(n_spots):
+def test_spots_are_shown_near_to(n_spots):
     frames = RNG.integers(90, 110, (3, 60, 300)).astype(np.uint16)
     recording = lb.read_recording(frames, period_s=1.0)
     xy = np.tile(np.array([20.0, 30.0]) + np.outer(np.arange(n_spots), [33.0, 0.0]), (3, 1, 1))
     xy[0, -1] = np.nan
-    figure = pictures.frame_figure(SimpleNamespace(xy_px=xy), recording)
+    figure = pictures.frame_figure(SimpleNamespace(xy_px=xy, surveys=()), recording)
     whole, *near = figure.axes
-    assert len(near) == min(n_spots, 6)
+    assert len(near) == n_spots
     assert whole.get_title().startswith("frame 1:")
     assert len(whole.patches) == n_spots
     np.testing.assert_array_equal([patch.center for patch in whole.patches], xy[1])

@@ -303,7 +303,7 @@ def test_faulty_telemetry_is_named(example, form, tmp_path, change, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("scalar = ", "order = ", "unknown key order; known are time, scalar"),
+        ("scalar = ", "order = ", "unknown key order; known are time, time_fraction, scalar"),
         ('scalar = "last"', 'scalar = "w"', "scalar must be one of 'last', 'first', got 'w'"),
         ("focal_mm = 600.0\n", "", "key focal_mm is missing"),
         ("[head_2]", "[head_3]", r"table \[head_2\] is missing"),

@@ -222,6 +222,8 @@ def test_the_page_answers_what_is_asked_after_a_run(table, tmp_path):
     for said in ("Did it work?", "67.62", "camera to inertial", "telemetry.csv", "A design angle"):
         assert said in page
     assert "<b>Angle between the heads</b>" in page
+    assert "By the convention named the angle scatters by" in page
+    assert "the mean is known to ± " in page
 
 
 GRACE = """header:
