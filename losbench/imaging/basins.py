@@ -63,6 +63,8 @@ def group(place: Indices, width: int, value: Floats, noise: Floats) -> Basins:
     for _ in range(_ROUNDS):
         border = np.flatnonzero(owner[ones] != owner[others])
         ones, others = ones[border], others[border]
+        if not ones.size:
+            break
         joined = _joined(owner, ones, others, value, noise, rank)
         if joined is owner:
             break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -189,7 +190,8 @@ def _above_level(
     """Flat places of the pixels above one level, looked for in the bands that reach it."""
     cut: Any = float(sky.level[0, 0] + threshold * sky.noise[0, 0])
     if pixels.dtype.kind in "ui":  # a whole number is compared in the frame's own type
-        cut = pixels.dtype.type(np.clip(np.floor(cut), *_ends(pixels.dtype)))
+        least, most = _ends(pixels.dtype)
+        cut = pixels.dtype.type(min(max(math.floor(cut), least), most))
     width, found = pixels.shape[1], []
     for band in np.flatnonzero(band_maxima > cut).tolist():
         rows = pixels[band * _BAND : (band + 1) * _BAND]

@@ -66,14 +66,17 @@ def level_and_noise(
     if digit:
         values = values + digit * _kept(_dither, n)
     lowest = values.min(axis=1)
-    if share.any():
+    clips = bool(share.any())
+    if clips:
         values = np.where(clipped & (share > 0)[:, None], values.min() - 1.0, values)
     ranked = np.sort(values, axis=1)
+    low, high = np.full(len(share), 0.05), np.full(len(share), most)
     left = 1.0 - share
-    low = np.where(share > 0, share + 0.1 * left, 0.05)
-    high = np.where((share > 0) & (most > 0.5), np.maximum(most, share + 0.7 * left), most)
+    if clips:
+        low = np.where(share > 0, share + 0.1 * left, low)
+        high = np.where((share > 0) & (most > 0.5), np.maximum(most, share + 0.7 * left), high)
     level, noise = _line(ranked, low, high)
-    if share.any():
+    if clips:
         lower = _line(ranked, low, np.where(share > 0, np.minimum(share + 0.35 * left, high), high))
         narrow = lower[1] < noise / 1.5
         level, noise = (np.where(narrow, a, b) for a, b in zip(lower, (level, noise), strict=True))
