@@ -229,7 +229,9 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     """
     geometry = _geometry(side)
     basis, solve = geometry.basis.astype(ring.dtype), geometry.solve.astype(ring.dtype)
-    level = np.nan_to_num(ring[:, 0])  # any will do: small numbers lose less of their digits
+    level = np.where(
+        np.isfinite(ring[:, 0]), ring[:, 0], 0.0
+    )  # any will do: small numbers lose less of their digits
     ring -= level[:, None]
     solved = ring @ solve
     residual = ring - solved[:, :3] @ basis.T

@@ -113,7 +113,7 @@ class Engine:
         if self.method.stays:
             return result
 
-        moved = np.nan_to_num(fit.centroid, posinf=0.0, neginf=0.0)
+        moved = np.where(np.isfinite(fit.centroid), fit.centroid, 0.0)
         nearest = middle + np.rint(moved).astype(np.intp)
         strayed = np.abs(nearest - start).max(axis=1) > self.window / 2
         result.flags[strayed] |= SpotFlag.NOT_CONVERGED

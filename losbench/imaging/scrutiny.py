@@ -59,7 +59,7 @@ def asks(windows: Windows, found: Estimate) -> Bools:
         light *= found.flux.astype(light.dtype)[:, None, None]
         rest, share, times = pixels - light, _MODEL, 1.0
     else:
-        light = _turned(pixels, np.nan_to_num(found.centroid))
+        light = _turned(pixels, np.where(np.isfinite(found.centroid), found.centroid, 0.0))
         rest, share, times = pixels - light, _TURNED, 2.0
         np.maximum(light, pixels, out=light)
     rest *= rest

@@ -160,7 +160,7 @@ def _scoring(
     equal: bool,
 ) -> _Step:
     """Least squares of pixels on the template and its slopes, weighted by the inverse variance."""
-    unit = noise.floor + noise.per_dn * np.maximum(np.nan_to_num(flux), 0.0)
+    unit = noise.floor + noise.per_dn * np.fmax(flux, 0.0)
     relative = _relative(at, noise.floor, unit) if noise.per_dn else None
     weight = kept if equal or relative is None else (1.0 if kept is None else kept) / relative
     sums = at.sums(pixels, weight)
