@@ -224,7 +224,8 @@ def test_the_command_line_goes_on_after_a_kill_with_the_same_table(stack, tmp_pa
     out = str(tmp_path / "out")
     if parts.exists():  # the kill came before the end
         assert main([*asked, "--quiet", "--out", out, "--resume", "--window", "9"]) == 2
-        assert "parts of another run: window was" in capsys.readouterr().err
+        said = capsys.readouterr().err
+        assert "parts of another run: " in said and "window was 13, is 9" in said
         assert main([*asked, "--quiet", "--out", out, "--resume"]) == 0
     tables = [(tmp_path / name / "measurement.csv").read_bytes() for name in ("whole", "out")]
     assert tables[0] == tables[1]
