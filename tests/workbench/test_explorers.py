@@ -646,7 +646,8 @@ def test_the_nearest_step_of_a_slider():
     slider = Slider("height", 0.0, -1.0, 1.0, 0.1)
     assert [slider.nearest(value) for value in (-7.0, 0.26, 5.0)] == [-1.0, 0.3, 1.0]
     light = LogSlider("light", 10.0, 1.0, 1000.0)
-    assert [light.nearest(value) for value in (0.0, 115.0, 1e9)] == [1.0, 110.0, 1000.0]
+    # By ratio 110 and 120 meet at the root of their product, 114.9.
+    assert [light.nearest(value) for value in (0.0, 114.8, 115.0, 1e9)] == [1.0, 110.0, 120.0, 1e3]
 
 
 def test_a_choice_that_is_not_offered_is_named():
