@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from dataclasses import KW_ONLY, dataclass
+from typing import ClassVar, TypeAlias
 
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
-from losbench.checks import boolean, choice, finite, odd
+from losbench.checks import boolean, choice, finite, integer, number, odd
 from losbench.estimation.smoothing import Smoothed, kalman_smooth
-from losbench.imaging.protocols import CentroidMethod
+from losbench.imaging.protocols import CentroidFields
 
-__all__ = ["Width", "as_width", "check_fields", "smoothed"]
+__all__ = ["TemplateFields", "Width", "as_width", "check_fields", "smoothed"]
 
 
 Width: TypeAlias = float | tuple[float, float] | tuple[tuple[float, float], ...]
@@ -20,7 +21,7 @@ Width: TypeAlias = float | tuple[float, float] | tuple[tuple[float, float], ...]
 _SMOOTHERS: dict[str, Callable[[Floats], Smoothed]] = {"kalman": kalman_smooth}
 
 
-def check_fields(method: CentroidMethod) -> None:
+def check_fields(method: CentroidFields) -> None:
     """Raise ``ValueError`` unless the fields that every centroid has are in range."""
     if method.window is not None:
         odd("window", method.window, low=3)
@@ -50,6 +51,29 @@ def as_width(width: ArrayLike | None) -> Width | None:
     if given.ndim == 2:
         return tuple((x, y) for x, y in given.tolist())
     return float(given) if given.ndim == 0 else (float(given[0]), float(given[1]))
+
+
+@dataclass(frozen=True)
+class TemplateFields:
+    """The fields of a centroid that fits a template, checked when they are given."""
+
+    width: ArrayLike | None = None
+    _: KW_ONLY
+    window: int | None = None
+    tolerance: float = 1e-3
+    max_iter: int = 50
+    centre: str | None = None
+    hot_pixel_gate: bool = False
+    smooth: str | None = None
+
+    stays: ClassVar[bool] = False
+    template: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        object.__setattr__(self, "width", as_width(self.width))
+        number("tolerance", self.tolerance, low=1e-12)
+        integer("max_iter", self.max_iter, low=1)
 
 
 def smoothed(name: str, xy: Floats) -> tuple[Floats, Floats]:

@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar
 
-from numpy.typing import ArrayLike
-
-from losbench.checks import integer, number
-from losbench.imaging.common import as_width, check_fields
+from losbench.imaging.common import TemplateFields
 from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.template import fit_template
 
@@ -16,7 +13,7 @@ __all__ = ["Gaussian", "Likelihood"]
 
 
 @dataclass(frozen=True)
-class Likelihood:
+class Likelihood(TemplateFields):
     """Fit place, flux and both widths of a Gaussian, each pixel weighted by its own noise.
 
     Scoring steps to the maximum of the likelihood: for round spots it reaches the Cramer-Rao bound,
@@ -55,24 +52,10 @@ class Likelihood:
     [[20.3, 15.8]]
     """
 
-    width: ArrayLike | None = None
     _: KW_ONLY
-    window: int | None = None
     tolerance: float = 2.5e-4
-    max_iter: int = 50
-    centre: str | None = None
-    hot_pixel_gate: bool = False
-    smooth: str | None = None
 
-    stays: ClassVar[bool] = False
-    template: ClassVar[bool] = True
     equal: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        object.__setattr__(self, "width", as_width(self.width))
-        number("tolerance", self.tolerance, low=1e-12)
-        integer("max_iter", self.max_iter, low=1)
 
     def measure(self, windows: Windows) -> Estimate:
         """Fit flux, place and both widths to each window, with the information error."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
 from losbench.imaging.noise import PixelNoise
 
-__all__ = ["CentroidMethod", "Estimate", "Windows"]
+__all__ = ["CentroidFields", "CentroidMethod", "Estimate", "Windows"]
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,23 @@ class Estimate:
     width: Floats | None = None
 
 
+class CentroidFields(Protocol):
+    """The fields of a `CentroidMethod`, which says what they mean."""
+
+    @property
+    def window(self) -> int | None: ...  # noqa: D102
+    @property
+    def width(self) -> ArrayLike | None: ...  # noqa: D102
+    @property
+    def centre(self) -> str | None: ...  # noqa: D102
+    @property
+    def hot_pixel_gate(self) -> bool: ...  # noqa: D102
+    @property
+    def smooth(self) -> str | None: ...  # noqa: D102
+
+
 @runtime_checkable
-class CentroidMethod(Protocol):
+class CentroidMethod(CentroidFields, Protocol):
     """A way to find the middle of a spot: a frozen dataclass with these fields and one method.
 
     Attributes
@@ -106,17 +121,6 @@ class CentroidMethod(Protocol):
     __dataclass_fields__: ClassVar[dict[str, Any]]
     stays: ClassVar[bool]
     template: ClassVar[bool]
-
-    @property
-    def window(self) -> int | None: ...  # noqa: D102
-    @property
-    def width(self) -> ArrayLike | None: ...  # noqa: D102
-    @property
-    def centre(self) -> str | None: ...  # noqa: D102
-    @property
-    def hot_pixel_gate(self) -> bool: ...  # noqa: D102
-    @property
-    def smooth(self) -> str | None: ...  # noqa: D102
 
     def measure(self, windows: Windows) -> Estimate:
         """Find the middle of the spot in each of M windows, with its error."""

@@ -4,13 +4,9 @@ inverse of its variance.
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
-from typing import ClassVar
+from dataclasses import dataclass
 
-from numpy.typing import ArrayLike
-
-from losbench.checks import integer, number
-from losbench.imaging.common import as_width, check_fields
+from losbench.imaging.common import TemplateFields
 from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.template import fit_template
 
@@ -18,7 +14,7 @@ __all__ = ["Weighted"]
 
 
 @dataclass(frozen=True)
-class Weighted:
+class Weighted(TemplateFields):
     """Weigh each pixel by a Gaussian template and the inverse of its variance.
 
     For round spots, it reaches the Cramer-Rao bound, if the width is right.
@@ -55,24 +51,6 @@ class Weighted:
     >>> lb.centroid(image, [[20, 16]], method=lb.Weighted(2.0, window=13)).xy.round(2).tolist()
     [[20.3, 15.8]]
     """
-
-    width: ArrayLike | None = None
-    _: KW_ONLY
-    window: int | None = None
-    tolerance: float = 1e-3
-    max_iter: int = 50
-    centre: str | None = None
-    hot_pixel_gate: bool = False
-    smooth: str | None = None
-
-    stays: ClassVar[bool] = False
-    template: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        object.__setattr__(self, "width", as_width(self.width))
-        number("tolerance", self.tolerance, low=1e-12)
-        integer("max_iter", self.max_iter, low=1)
 
     def measure(self, windows: Windows) -> Estimate:
         """Fit flux and place of a Gaussian of known width to each window.
