@@ -17,10 +17,20 @@ from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.template import TemplateFit, fit_template
 from losbench.units import SIGMA_PER_MAD
 
-__all__ = ["OF_PEAK", "UNEXPLAINED", "Looked", "asks", "look_into", "lopsided", "unexplained"]
+__all__ = [
+    "OF_PEAK",
+    "SURE",
+    "UNEXPLAINED",
+    "Looked",
+    "asks",
+    "look_into",
+    "lopsided",
+    "mean_of_nine",
+    "unexplained",
+]
 
 
-_SURE = 5.5  # errors: one false pixel in some 10 000 windows
+SURE = 5.5  # errors: one false pixel in some 10 000 windows
 _SURE_OF_UNKNOWN = 6.0  # where the shot noise is not known
 _MODEL = 0.03  # of its light that a template may be wrong by in every pixel
 _TURNED = 0.06  # of light, by which it is wrong between pixels
@@ -92,7 +102,7 @@ def look_into(windows: Windows) -> Looked:
     looking = np.arange(len(kept))
     for _ in range(_ROUNDS):
         rest = _rest(windows.of(looking), fit.of(looking)) * first[looking]
-        much = (np.abs(rest * kept[looking]) > _SURE).any(axis=(1, 2))
+        much = (np.abs(rest * kept[looking]) > SURE).any(axis=(1, 2))
         looking, rest = looking[much], rest[much]
         if not looking.size:
             break
@@ -149,9 +159,8 @@ def lopsided(stamps: Pixels, kept: Pixels, windows: Windows, fit: TemplateFit) -
     rest = (stamps - model) * kept
     apart = rest - _turned(rest, fit.centre)
     apart *= kept * (_turned(kept, fit.centre) > 0.99)
-    tall = np.ascontiguousarray(apart.reshape(-1, size), dtype=np.float32)
-    mean = cv2.blur(tall, (3, 3)).reshape(apart.shape)
-    highest = cv2.dilate(tall, np.ones((3, 3), np.uint8)).reshape(apart.shape)
+    highest = cv2.dilate(_tall(apart), np.ones((3, 3), np.uint8)).reshape(apart.shape)
+    mean = mean_of_nine(apart)
     noise = windows.noise
     variance = noise.floor[:, None, None] + noise.per_dn * np.maximum(model, 0.0)
     error = np.sqrt(2.0 * np.maximum(variance, 0.0) / 9.0)
@@ -159,24 +168,38 @@ def lopsided(stamps: Pixels, kept: Pixels, windows: Windows, fit: TemplateFit) -
     arms = (offset - fit.centre[:, :, None]) / fit.width[:, :, None]
     far = arms[:, 1, :, None] ** 2 + arms[:, 0, None, :] ** 2 > _OUTSIDE**2
     peak = model.max(axis=(1, 2), keepdims=True)
-    more = (mean > _SURE * error) & (mean > OF_PEAK * peak) & (highest < _LONE * 9.0 * mean) & far
+    more = (mean > SURE * error) & (mean > OF_PEAK * peak) & (highest < _LONE * 9.0 * mean) & far
     return more[:, 1:-1, 1:-1].any(axis=(1, 2))
+
+
+def mean_of_nine(images: Pixels) -> Pixels:
+    """Means of 3 x 3 pixels of images (M, S, S), of no use in the outermost."""
+    import cv2
+
+    mean: Pixels = cv2.blur(_tall(images), (3, 3)).reshape(images.shape)
+    return mean
+
+
+def _tall(images: Pixels) -> Pixels:
+    """Images below each other, for one call of OpenCV."""
+    return np.ascontiguousarray(images.reshape(-1, images.shape[2]), dtype=np.float32)
 
 
 def _turned(images: Pixels, centre: Floats) -> Pixels:
     """Images turned by 180 degrees about their centres, linearly between pixels."""
     size = images.shape[1]
-    offset = np.arange(size, dtype=images.dtype) - size // 2
-    share = (2.0 * centre).astype(images.dtype)[:, :, None, None] - (offset[:, None] + offset)
-    np.abs(share, out=share)
+    both = np.arange(2 * size - 1, dtype=images.dtype) - 2 * (size // 2)
+    share = np.abs((2.0 * centre).astype(images.dtype)[:, :, None] - both)
     np.subtract(1.0, share, out=share)
     np.maximum(share, 0.0, out=share)
-    turned: Pixels = share[:, 1] @ images @ share[:, 0].swapaxes(1, 2)
+    # What a pixel gives to another depends on the sum of their offsets alone.
+    share = np.ascontiguousarray(sliding_window_view(share, size, axis=2))
+    turned: Pixels = share[:, 1] @ images @ share[:, 0]
     return turned
 
 
 def _sure(noise: PixelNoise) -> float:
-    return _SURE if noise.per_dn else _SURE_OF_UNKNOWN
+    return SURE if noise.per_dn else _SURE_OF_UNKNOWN
 
 
 def _model(windows: Windows, fit: TemplateFit, margin: int) -> Pixels:
@@ -227,7 +250,7 @@ def _singles(rest: Pixels) -> Bools:
     worst = apart[:, 1:-1, 1:-1].max(axis=(1, 2))
     # Light of another spot is less pointed: its third brightest pixel is nearly as bright.
     third = np.where(rest > 0, ranked[..., -3], -ranked[..., 2])
-    found: Bools = apart > np.maximum(_SURE, 0.5 * worst)[:, None, None]
+    found: Bools = apart > np.maximum(SURE, 0.5 * worst)[:, None, None]
     return found & (np.abs(rest) > _POINTED * third)
 
 
