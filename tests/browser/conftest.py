@@ -1,34 +1,17 @@
-"""One browser and one server for all browser tests; without chromium they are skipped, and say
-so.
+"""One browser, one server and one JupyterLab for all browser tests; without chromium they are
+skipped, and say so.
 """
 
 import sys
 from pathlib import Path
 
-import nbformat
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from lab import CHROMIUM, WHY_NOT, chromium, jupyterlab, notebook
+from lab import CHROMIUM, WHY_NOT, chromium, jupyterlab
 
 from losbench.resources import build_folder, notebook_folder
-from losbench.workbench import explorers
-
-WITH_EXPLORERS = [
-    path
-    for path in sorted(notebook_folder().glob("*.ipynb"))
-    if "Explorer(" in path.read_text("utf-8")
-]
-
-
-def pytest_generate_tests(metafunc):
-    if "explorer_notebook" in metafunc.fixturenames:
-        names = [
-            *(f"{kind}.ipynb" for kind in explorers.__all__),
-            *(path.name for path in WITH_EXPLORERS),
-        ]
-        metafunc.parametrize("explorer_notebook", names, scope="module")
 
 
 @pytest.fixture(scope="session")
@@ -43,15 +26,22 @@ def browser():
 @pytest.fixture(scope="session")
 def lab(browser, tmp_path_factory):
     root = tmp_path_factory.mktemp("notebooks")
-    for kind in explorers.__all__:
-        nbformat.write(
-            notebook(f"from losbench.workbench.explorers import {kind}\n{kind}()"),
-            root / f"{kind}.ipynb",
-        )
-    for path in WITH_EXPLORERS:
+    for path in notebook_folder().glob("*.ipynb"):
         (root / path.name).write_bytes(path.read_bytes())
     with jupyterlab(root) as running:
         yield running
+
+
+@pytest.fixture(scope="session")
+def page(browser, lab):
+    """JupyterLab, loaded once; it lists what it asks for outside, and its errors."""
+    size = {"width": 1280, "height": 800}
+    with browser.new_context(viewport=size, has_touch=True) as context:
+        page = context.new_page()
+        page.asked = []
+        page.on("request", lambda request: page.asked.append(request.url))
+        page.on("pageerror", lambda problem: page.asked.append(f"error: {problem}"))
+        yield page
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,18 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from lab import settle
+
+# What lies beyond its output, and what would have to be scrolled sideways to see all of it.
+_TOO_WIDE = """box => {
+    const place = box.closest('.jp-OutputArea-output').getBoundingClientRect();
+    const beyond = [...box.querySelectorAll('*')].filter(e => e.getBoundingClientRect().right > place.right + 1);
+    const scrolled = [];
+    for (let e = box; e; e = e.parentElement)
+        if (e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX !== 'visible') scrolled.push(e);
+    return [...beyond, ...scrolled].map(e => e.className || e.tagName);
+}"""
+
 # The picture's own description: the text chunk behind the header of its PNG. Read from what the
 # page shows, decoded.
 _SHOWN = """async (index) => {
@@ -41,6 +53,11 @@ class ExplorerPage:
                 time.sleep(0.05)
         raise last
 
+    def reset(self) -> None:
+        """Go back to the first settings."""
+        self.button("reset").click()
+        settle(self.page)
+
     def wait_until_shown(self, text: str | Callable[[], str], *, timeout_s: float = 10.0) -> None:
         """Return when the picture says that it shows ``text``, or what ``text()`` is by then."""
         end = time.monotonic() + timeout_s
@@ -67,6 +84,10 @@ class ExplorerPage:
                 ".map(one => one.value || one.innerText)"
             )
         )
+
+    def too_wide(self) -> list[str]:
+        """Return the parts that stick out, or that one would have to scroll sideways for."""
+        return list(self.box.evaluate(_TOO_WIDE))
 
     def handle(self, label: str) -> Any:
         """Return a handle over the picture by its label."""

@@ -42,16 +42,45 @@ _READY = """async () => {
     await panel.sessionContext.ready;
     await panel.sessionContext.session.kernel.info;
 }"""
+_IN_FRONT = "() => window.jupyterapp?.shell.currentWidget?.context?.path"
+# Within JupyterLab as it stands: to load it anew takes four times as long.
+_OPEN = """async (path) => {
+    const panel = await window.jupyterapp.commands.execute('docmanager:open', {path});
+    await panel.revealed;
+}"""
+_CLOSE = """async () => {
+    const panel = window.jupyterapp.shell.currentWidget;
+    await panel.sessionContext.shutdown();
+    panel.context.model.dirty = false;
+    panel.dispose();
+}"""
 # The promise of a run is not returned: it would wait for widgets that are still being drawn.
-_RUN_ALL = "() => { window.jupyterapp.commands.execute('notebook:run-all-cells'); }"
+_RUN_ALL = """() => {
+    const {sharedModel} = window.jupyterapp.shell.currentWidget.content.model;
+    window.code = () => sharedModel.cells.filter(cell => cell.cell_type === 'code' && cell.source.trim());
+    window.before = window.code().map(cell => cell.execution_count);
+    window.jupyterapp.commands.execute('notebook:run-all-cells');
+}"""
+# One after the other, since a run that fails would cancel those that wait.
+_RUN_SOME = """async (holding) => {
+    const panel = window.jupyterapp.shell.currentWidget.content;
+    const code = panel.widgets.filter(cell => cell.model.type === 'code');
+    for (const cell of code.filter((cell, k) => !k || cell.model.sharedModel.source.includes(holding))) {
+        const before = cell.model.executionCount;
+        panel.activeCellIndex = panel.widgets.indexOf(cell);
+        window.jupyterapp.commands.execute('notebook:run-cell');
+        while ([null, before].includes(cell.model.executionCount)) await new Promise(requestAnimationFrame);
+    }
+    return code.flatMap(cell => cell.model.sharedModel.outputs)
+        .filter(output => output.output_type === 'error').map(error => `${error.ename}: ${error.evalue}`);
+}"""
 _STATE = """() => {
-    const cells = window.jupyterapp.shell.currentWidget.content.model.sharedModel.cells;
-    const code = cells.filter(cell => cell.cell_type === 'code' && cell.source.trim());
+    const code = window.code();
     const errors = code.flatMap(cell => cell.outputs.filter(output => output.output_type === 'error'));
     const panel = document.querySelector('.jp-NotebookPanel:not(.lm-mod-hidden)');
     const prompts = [...panel.querySelectorAll('.jp-CodeCell .jp-InputPrompt')];
     return {
-        pending: code.filter(cell => cell.execution_count === null).length
+        pending: code.filter((cell, k) => [null, window.before[k]].includes(cell.execution_count)).length
             + prompts.filter(prompt => prompt.textContent.includes('*')).length,
         errors: errors.map(error => `${error.ename}: ${error.evalue}`),
     };
@@ -76,6 +105,44 @@ _WATCH = """() => {
         if (msg.header.msg_type === 'error') window.raised.push(`${msg.content.ename}: ${msg.content.evalue}`);
     });
 }"""
+_THEME = "theme => { window.jupyterapp.commands.execute('apputils:change-theme', {theme}); }"
+# The kernel answers widgets in turn, in a subshell of their own if it has one, and a page keeps what
+# it asks next until then: what a hand has done may take one question under way, one that waits, and
+# one for what was left out while it moved.
+_SETTLE = """async () => {
+    const kernel = window.jupyterapp.shell.currentWidget.sessionContext.session.kernel;
+    const listed = kernel.supportsSubshells ? await kernel.requestListSubshell({}).done : null;
+    for (let turn = 0; turn < 3; turn++)
+        for (const shell of [null, ...listed?.content.subshell_id ?? []]) {
+            kernel.subshellId = shell;
+            const asked = kernel.requestExecute({code: '', silent: true, store_history: false});
+            kernel.subshellId = null;
+            await asked.done;
+        }
+}"""
+
+
+def settle(page: Any) -> None:
+    """Return when the kernel has answered all that the page has asked, and the page knows."""
+    page.evaluate(_SETTLE)
+
+
+def use_theme(page: Any, name: str) -> None:
+    """Turn JupyterLab "Light" or "Dark", and wait until the pictures are."""
+    page.evaluate(_THEME, f"JupyterLab {name}")
+    page.wait_for_function(
+        f"() => document.body.dataset.jpThemeLight === '{str(name == 'Light').lower()}'"
+    )
+    settle(page)
+
+
+def use_size(page: Any, width: int, height: int) -> None:
+    """Give the window another size, and wait until the pictures fit it."""
+    page.set_viewport_size({"width": width, "height": height})
+    page.evaluate(
+        "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )
+    settle(page)
 
 
 def ask_kernel(page: Any, code: str) -> str:
@@ -83,6 +150,11 @@ def ask_kernel(page: Any, code: str) -> str:
     prints.
     """
     return str(page.evaluate(_ASK, code))
+
+
+def asked_outside(page: Any, url: str) -> list[str]:
+    """Return what the page has asked for elsewhere than there, and its own errors."""
+    return [each for each in page.asked if not each.startswith((url, "blob:", "data:"))]
 
 
 def raised(page: Any) -> list[str]:
@@ -153,7 +225,7 @@ class Lab:
     """A running server; `open` gives a notebook in a page."""
 
     def __init__(self, root: Path, *, port: int, token: str) -> None:
-        self.url = f"http://127.0.0.1:{port}"
+        self.root, self.url = root, f"http://127.0.0.1:{port}"
         self._token = token
         self.command = [
             *(
@@ -191,17 +263,37 @@ class Lab:
         page.evaluate(_READY)
         page.evaluate(_WATCH)
 
+    def show(self, page: Any, name: str, *, holding: str = "") -> None:
+        """Bring a notebook to the front, as it is if it is there, else in place of the one that is,
+        and run its first cell and those that hold a text, by default all.
+        """
+        there = page.evaluate(_IN_FRONT)
+        if there == name:
+            return
+        if there is None:
+            self.open(page, name)
+        else:
+            page.evaluate(_CLOSE)
+            page.evaluate(_OPEN, name)
+            page.evaluate(_READY)
+            page.evaluate(_WATCH)
+        self.run_some(page, holding) if holding else self.run_all(page)
+
     def run_all(self, page: Any, *, timeout_s: float = 400.0) -> None:
         """Run every cell of the notebook in front; raise if one of them fails."""
         page.evaluate(_RUN_ALL)
-        page.wait_for_timeout(300)
         end = time.monotonic() + timeout_s
         while (state := page.evaluate(_STATE))["pending"] and not state["errors"]:
             if time.monotonic() > end:
                 raise TimeoutError(f"{state['pending']} cells still run after {timeout_s:g} s")
-            page.wait_for_timeout(200)
+            page.wait_for_timeout(100)
         if state["errors"]:
             raise AssertionError("; ".join(state["errors"]))
+
+    def run_some(self, page: Any, holding: str) -> None:
+        """Run the first cell of the notebook in front and those that hold a text."""
+        if errors := page.evaluate(_RUN_SOME, holding):
+            raise AssertionError("; ".join(errors))
 
     def _ask(self, method: str, path: str) -> str:
         request = urllib.request.Request(

@@ -7,7 +7,7 @@ import re
 import nbformat
 import pytest
 from explorer_page import ExplorerPage
-from lab import jupyterlab, notebook, raised
+from lab import ask_kernel, asked_outside, notebook, raised, settle, use_size, use_theme
 
 pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
 
@@ -15,7 +15,11 @@ KINDS = ("DragPoint", "YourLayout", "CentroidExplorer", "ChainExplorer")
 _IMPORT = (
     "from losbench.workbench.explorers import *\nfrom losbench.workbench.explorers.lab import *"
 )
-_DARK = "theme => { window.jupyterapp.commands.execute('apputils:change-theme', {theme}); }"
+_COUNT = "import ipywidgets.widgets.widget as w; print(len(w._instances))"
+_FIND = (
+    "from ipywidgets.widgets.widget import _instances; "
+    "explorer = next(w for w in _instances.values() if hasattr(w, 'ask'))"
+)
 # The middle of the picture's first pixels: paper, whatever is drawn.
 _CORNER = """async (index) => {
     const image = document.querySelectorAll('img.losbench-picture')[index];
@@ -27,28 +31,17 @@ _CORNER = """async (index) => {
 }"""
 
 
-@pytest.fixture(scope="module")
-def page(browser, tmp_path_factory):
-    root = tmp_path_factory.mktemp("dragging")
-    nbformat.write(notebook(_IMPORT, *(f"{kind}()" for kind in KINDS)), root / "dragging.ipynb")
-    with (
-        jupyterlab(root) as lab,
-        browser.new_context(viewport={"width": 1280, "height": 800}, has_touch=True) as context,
-    ):
-        page = context.new_page()
-        page.asked, page.lab_url = [], lab.url
-        page.on("request", lambda request: page.asked.append(request.url))
-        page.on("pageerror", lambda problem: pytest.fail(str(problem)))
-        lab.open(page, "dragging.ipynb")
-        lab.run_all(page)
-        yield page
+@pytest.fixture(autouse=True)
+def shown(lab, page):
+    cells = notebook(_IMPORT, *(f"{kind}()" for kind in KINDS))
+    nbformat.write(cells, lab.root / "dragging.ipynb")
+    lab.show(page, "dragging.ipynb")
 
 
 def opened(page, kind):
     explorer = ExplorerPage(page, KINDS.index(kind))
-    explorer.button("reset").click()
+    explorer.reset()
     explorer.picture.scroll_into_view_if_needed()
-    page.wait_for_timeout(500)
     return explorer
 
 
@@ -76,14 +69,11 @@ def by_touch(page, explorer, label, right, down):
 
 
 def said(page, explorer, label, before):
-    """Return the words of a handle once they are others than before, and stay."""
-    now = before
-    for _ in range(40):
-        page.wait_for_timeout(500)
-        earlier, now = now, explorer.handle(label).get_attribute("aria-valuetext")
-        if before != now == earlier:
-            return now
-    raise AssertionError(f"{label} said {before} and says {now}")
+    """Return the words of a handle once all is answered; they must be others than before."""
+    settle(page)
+    now = explorer.handle(label).get_attribute("aria-valuetext")
+    assert now != before
+    return now
 
 
 @pytest.mark.parametrize("way", [by_pointer, by_touch], ids=["pointer", "touch"])
@@ -163,34 +153,45 @@ def test_the_code_is_copied_or_shown(page):
 def test_the_picture_follows_the_theme_and_a_narrow_window(page, screenshots):
     scene = opened(page, "DragPoint")
     assert page.evaluate(_CORNER, 0) == [255, 255, 255]
-    page.evaluate(_DARK, "JupyterLab Dark")
-    for _ in range(100):
-        page.wait_for_timeout(100)
-        if max(page.evaluate(_CORNER, 0)) < 40:
-            break
+    use_theme(page, "Dark")
     assert max(page.evaluate(_CORNER, 0)) < 40
     page.screenshot(path=screenshots / "dragging-dark.png")
-    page.set_viewport_size({"width": 700, "height": 800})
-    page.wait_for_function(
-        "() => document.querySelector('img.losbench-picture').naturalWidth < 600"
-    )
+    use_size(page, 700, 800)
     page.screenshot(path=screenshots / "dragging-narrow.png")
-    outer = page.locator(
-        ".jp-NotebookPanel:not(.lm-mod-hidden) .jp-OutputArea-output"
-    ).first.bounding_box()
     inner = scene.picture.bounding_box()
-    assert 200 < inner["width"] <= outer["width"]
+    assert inner["width"] > 200
+    assert scene.too_wide() == []
     assert scene.picture.evaluate("image => image.naturalWidth") == pytest.approx(
         inner["width"], abs=2
     )
     scene.handle("the big point").focus()
     page.keyboard.press("ArrowRight")
     scene.wait_until_shown("its place along x 9.5")
-    page.set_viewport_size({"width": 1280, "height": 800})
-    page.evaluate(_DARK, "JupyterLab Light")
+    use_size(page, 1280, 800)
+    use_theme(page, "Light")
 
 
-def test_nothing_was_asked_outside_and_no_callback_failed(page):
-    mine = (page.lab_url, "blob:", "data:")
-    assert [url for url in page.asked if not url.startswith(mine)] == []
+def test_what_a_callback_raises_would_be_noticed(page):
+    """The check that other tests rest on: such errors reach the log, but no cell."""
+    scene = opened(page, "DragPoint")
+    assert raised(page) == []
+    ask_kernel(page, f"{_FIND}; explorer.update = lambda **_: 1 / 0")
+    scene.button("new noise").click()
+    page.wait_for_function("() => window.raised.length > 0", timeout=5_000)
+    assert raised(page) == ["ZeroDivisionError: division by zero"]
+    ask_kernel(page, f"{_FIND}; del explorer.update")
+    page.evaluate("() => { window.raised.length = 0; }")
+
+
+def test_running_the_cells_again_leaves_no_live_widgets_behind(lab, page):
+    counts = []
+    for _ in range(3):
+        lab.run_all(page)
+        ExplorerPage(page).shown()
+        counts.append(ask_kernel(page, _COUNT))
+    assert counts == 3 * [counts[0]]
+
+
+def test_nothing_was_asked_outside_and_no_callback_failed(lab, page):
+    assert asked_outside(page, lab.url) == []
     assert raised(page) == []

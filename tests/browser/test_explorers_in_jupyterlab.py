@@ -1,42 +1,66 @@
-"""Every notebook with an explorer, in JupyterLab: it runs, follows key and mouse, refuses nonsense,
-and comes back.
+"""Every explorer of the notebooks, in JupyterLab by night: it follows key and mouse, refuses
+nonsense, fits a narrow window, and comes back. What else the notebooks compute `make reproduce` runs.
 """
 
-import json
 import re
 
+import nbformat
 import pytest
 from explorer_page import ExplorerPage
-from lab import ask_kernel, raised
+from lab import asked_outside, raised, settle, use_size, use_theme
+
+from losbench.resources import notebook_folder
+from losbench.workbench import explorers
 
 pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
 
-_FIND = (
-    "from ipywidgets.widgets.widget import _instances; "
-    "explorer = next(w for w in _instances.values() if hasattr(w, 'ask'))"
-)
-_COUNT = "import ipywidgets.widgets.widget as w; print(len(w._instances))"
+HOLDING = "Explorer("
 
 
-@pytest.fixture(scope="module")
-def page(browser, lab, explorer_notebook, screenshots):
-    """A notebook, opened and run; its tests share it, since that takes most of their time."""
-    with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
-        page = context.new_page()
-        lab.open(page, explorer_notebook)
-        lab.run_all(page)
-        ExplorerPage(page).picture.scroll_into_view_if_needed()
-        page.screenshot(path=screenshots / f"{explorer_notebook.removesuffix('.ipynb')}.png")
-        yield page
-    lab.delete_sessions()
+def explorers_of(path):
+    cells = nbformat.read(path, 4).cells
+    return [
+        re.search(r"(\w+Explorer)\(", cell.source)[1]
+        for cell in cells
+        if cell.cell_type == "code" and HOLDING in cell.source
+    ]
+
+
+# Notebook, its how manieth explorer, and which one that is.
+PLACES = [
+    (path.name, number, kind)
+    for path in sorted(notebook_folder().glob("*.ipynb"))
+    for number, kind in enumerate(explorers_of(path))
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def dark(lab, page):
+    lab.show(page, PLACES[0][0], holding=HOLDING)
+    use_theme(page, "Dark")
+    yield
+    use_theme(page, "Light")
+
+
+@pytest.fixture(scope="module", params=PLACES, ids=lambda at: f"{at[0][:2]}-{at[2]}")
+def place(request, dark, lab, page, screenshots):
+    """The number of an explorer in the notebook in front; what looks at it shares it."""
+    name, number, kind = request.param
+    lab.show(page, name, holding=HOLDING)
+    ExplorerPage(page, number).picture.scroll_into_view_if_needed()
+    page.screenshot(path=screenshots / f"{name[:2]}-{kind}.png")
+    return number
 
 
 @pytest.fixture
-def opened(page):
-    explorer = ExplorerPage(page)
-    explorer.button("reset").click()
-    page.wait_for_timeout(500)
+def opened(page, place):
+    explorer = ExplorerPage(page, place)
+    explorer.reset()
     return explorer
+
+
+def test_every_explorer_stands_in_a_notebook():
+    assert {kind for _, _, kind in PLACES} == set(explorers.__all__)
 
 
 def asked_for(explorer, number):
@@ -46,19 +70,6 @@ def asked_for(explorer, number):
     name, unit = re.fullmatch(r"(.*?)(?: \(([^()]*)\))?", label).groups()
     value = float(readout.inner_text().replace("−", "-"))
     return f"{name} {value:g} {unit or ''}".strip()
-
-
-def wait_until_settled(readout, before):
-    """Return when the readout is another one than before, and stays: that of a log slider comes
-    from the kernel.
-    """
-    now = before
-    for _ in range(50):
-        readout.page.wait_for_timeout(200)
-        earlier, now = now, readout.inner_text()
-        if before != now == earlier:
-            return
-    raise AssertionError(f"the readout was {before} and is {now}")
 
 
 def test_key_mouse_and_reset(opened):
@@ -72,13 +83,14 @@ def test_key_mouse_and_reset(opened):
         handle.focus()
         page.keyboard.press("ArrowRight")
         page.keyboard.press("ArrowRight")
-        wait_until_settled(readout, before)
-        opened.wait_until_shown(lambda number=number: asked_for(opened, number))
-    opened.drag(0)
-    opened.wait_until_shown(lambda: asked_for(opened, 0))
+        settle(page)
+        assert readout.inner_text() != before
+        opened.wait_until_shown(asked_for(opened, number))
+    opened.drag(0, steps=20, seconds=0.4)
+    settle(page)
+    opened.wait_until_shown(asked_for(opened, 0))
     assert opened.shown() != first
-    reset = opened.button("reset")
-    reset.focus()
+    opened.button("reset").focus()
     page.keyboard.press("Enter")
     for setting in first.split("; "):
         opened.wait_until_shown(setting)
@@ -88,7 +100,7 @@ def test_key_mouse_and_reset(opened):
 
 
 def test_nothing_is_cut_off_and_only_numbers_can_be_typed(opened):
-    assert opened.cut_off() == []
+    assert (opened.cut_off(), opened.too_wide()) == ([], [])
     assert opened.box.bounding_box()["height"] <= 680
     for number in range(opened.box.locator(".widget-slider").count()):
         _, readout = opened.slider(number)
@@ -110,26 +122,16 @@ def test_nonsense_in_a_field_is_said_in_the_widget(opened):
     opened.button("new noise").click()
     opened.wait_until_shown("seed 0")
     alert.wait_for(state="detached", timeout=5_000)
-    assert raised(opened.page) == []
 
 
-def test_what_a_callback_raises_would_be_noticed(opened):
-    """The check that the other tests rest on: such errors reach the log, but no cell."""
+def test_a_narrow_window_shows_all_of_it(opened, screenshots):
     page = opened.page
-    ask_kernel(page, f"{_FIND}; explorer.update = lambda **_: 1 / 0")
-    opened.button("new noise").click()
-    page.wait_for_function("() => window.raised.length > 0", timeout=5_000)
-    assert raised(page) == ["ZeroDivisionError: division by zero"]
-    ask_kernel(page, f"{_FIND}; del explorer.update")
-    page.evaluate("() => { window.raised.length = 0; }")
+    use_size(page, 700, 800)
+    page.screenshot(path=screenshots / "narrow.png")
+    assert (opened.cut_off(), opened.too_wide()) == ([], [])
+    use_size(page, 1280, 800)
 
 
-def test_running_the_cells_again_leaves_no_live_widgets_behind(lab, opened):
-    page = opened.page
-    lab.run_all(page)
-    ExplorerPage(page).shown()
-    before = json.loads(ask_kernel(page, _COUNT))
-    for _ in range(3):
-        lab.run_all(page)
-        ExplorerPage(page).shown()
-    assert json.loads(ask_kernel(page, _COUNT)) == before
+def test_nothing_was_asked_outside_and_no_callback_failed(lab, page, place):
+    assert asked_outside(page, lab.url) == []
+    assert raised(page) == []
