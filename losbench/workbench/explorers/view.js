@@ -15,17 +15,24 @@ const within = (share) => Math.min(1, Math.max(0, share));
 function render({ model, el }) {
   const stage = make(el, "div", "stage"), image = make(stage, "img", "picture"), buttons = [];
   const copy = make(el, "button", "copy"), said = make(el, "span", "said", "status");
-  const refused = make(el, "div", "refused", "alert");
+  const refused = make(el, "div", "refused", "alert"), ended = new AbortController();
   let underway = null, waiting = {}, patience, quiet, seen = "", width = 0;
 
-  const send = () => {
+  const ask = (part) => {
+    Object.assign(waiting, part);
     if (underway || !Object.keys(waiting).length) return;
     underway = { ...waiting, id: `${Math.random()}` };
     waiting = {};
-    const asked = () => { model.send(underway); patience = setTimeout(asked, PATIENCE_MS); };
-    asked();
+    model.send(underway);
+    patience = setInterval(() => model.send(underway), PATIENCE_MS);
   };
-  const ask = (part) => { Object.assign(waiting, part); send(); };
+  const answered = () => {
+    if (model.get("answered") !== underway?.id) return;
+    clearInterval(patience);
+    underway = null;
+    place();
+    ask();
+  };
 
   const handle = (k) => {
     const button = make(stage, "button", "handle", "slider");
@@ -46,8 +53,8 @@ function render({ model, el }) {
     button.onkeydown = (event) => {
       if (!(event.key in ARROWS)) return;
       event.preventDefault();
-      const [x, y] = waiting.steps?.[k] ?? [0, 0], [dx, dy] = ARROWS[event.key], times = event.shiftKey ? 10 : 1;
-      ask({ steps: { ...waiting.steps, [k]: [x + times * dx, y + times * dy] } });
+      const before = waiting.steps?.[k] ?? [0, 0], times = event.shiftKey ? 10 : 1;
+      ask({ steps: { ...waiting.steps, [k]: ARROWS[event.key].map((by, n) => before[n] + times * by) } });
     };
     return button;
   };
@@ -69,46 +76,27 @@ function render({ model, el }) {
     clearTimeout(quiet);
     if (model.get("coarse")) quiet = setTimeout(() => ask({ settle: true }), QUIET_MS);
   };
-  const answered = () => {
-    if (!underway || model.get("answered") !== underway.id) return;
-    clearTimeout(patience);
-    underway = null;
-    place();
-    send();
-  };
   const look = () => {
     width = stage.clientWidth || width;  // a change of theme hides the page for a moment
-    const asked = {
-      width,
-      ratio: Math.min(devicePixelRatio || 1, SHARPEST),
-      light: document.body.dataset.jpThemeLight !== "false",
-    };
+    const ratio = Math.min(devicePixelRatio || 1, SHARPEST);
+    const asked = { width, ratio, light: document.body.dataset.jpThemeLight !== "false" };
     if (!width || seen === JSON.stringify(asked)) return;
     seen = JSON.stringify(asked);
     ask({ look: asked });
   };
 
-  // A slider's own readout would pull what is out of range to the nearest end, and say nothing.
-  const typed = (event) => {
-    const readout = event.target, ends = readout.parentElement?.querySelector(".noUi-handle");
-    if (!ends || readout.contentEditable !== "true" || (event.type === "keydown" && event.key !== "Enter")) return;
-    const [low, high, now] = ["min", "max", "now"].map((name) => Number(ends.getAttribute(`aria-value${name}`)));
-    const value = Number(readout.textContent.replace("−", "-"));
+  // A slider would pull what is typed out of range to the nearest end, and say nothing; what is no
+  // number it puts back itself.
+  const typed = ({ target, type, key }) => {
+    const row = el.closest(".losbench-explorer")?.contains(target) && target.parentElement;
+    const ends = target.contentEditable === "true" && row && row.querySelector(".noUi-handle");
+    if (!ends || (type === "keydown" && key !== "Enter")) return;
+    const [low, high] = ["min", "max"].map((name) => Number(ends.getAttribute(`aria-value${name}`)));
+    const value = Number(target.textContent.replace("−", "-"));
     if (!(value < low || value > high)) return;
-    event.stopPropagation();
-    event.preventDefault();
-    const digits = (readout.dataset.before ?? "").split(".")[1]?.length ?? 0;
-    readout.textContent = readout.dataset.before || now.toFixed(digits);
-    const name = readout.parentElement.querySelector(".widget-label")?.textContent ?? "";
+    target.textContent = "out of range";
+    const name = row.querySelector(".widget-label")?.textContent ?? "";
     refused.textContent = `Note: ${name}: ${value < low ? `${low} is the least` : `${high} is the most`}, got ${value}`;
-  };
-  const remember = ({ target }) => { if (target.contentEditable === "true") target.dataset.before = target.textContent; };
-  const listen = () => {
-    const box = el.closest(".losbench-explorer");
-    if (!box || box.dataset.losbench) return;
-    box.dataset.losbench = "listens";
-    box.addEventListener("focus", remember, true);
-    for (const kind of ["keydown", "blur"]) box.addEventListener(kind, typed, true);
   };
 
   image.draggable = false;
@@ -124,18 +112,20 @@ function render({ model, el }) {
       said.textContent = document.execCommand("copy") ? "copied" : "press Ctrl+C";
     }
   };
-  const follow = { "change:png": draw, "change:handles": place, "change:answered": answered };
-  Object.entries(follow).forEach(([name, act]) => model.on(name, act));
-  const sizes = new ResizeObserver(() => { listen(); look(); });
-  const theme = new MutationObserver(look);
+  for (const kind of ["keydown", "blur"])
+    document.addEventListener(kind, typed, { capture: true, signal: ended.signal });
+  model.on("change:png", draw);
+  model.on("change:handles", place);
+  model.on("change:answered", answered);
+  const sizes = new ResizeObserver(look), theme = new MutationObserver(look);
   sizes.observe(el);
   theme.observe(document.body, { attributes: true, attributeFilter: ["data-jp-theme-light"] });
   draw();
   place();
   return () => {
-    Object.entries(follow).forEach(([name, act]) => model.off(name, act));
-    sizes.disconnect();
-    theme.disconnect();
+    ended.abort();
+    model.off();
+    [sizes, theme].forEach((observer) => observer.disconnect());
     [patience, quiet].forEach(clearTimeout);
     URL.revokeObjectURL(image.src);
   };
