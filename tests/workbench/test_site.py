@@ -18,6 +18,7 @@ from losbench.workbench.ledger.cells import cell_digest
 from losbench.workbench.reproduction import site as module
 from losbench.workbench.reproduction.pages import cell_anchors, ledger_table, page_of_notebook
 from losbench.workbench.reproduction.reference import public_names
+from losbench.workbench.reproduction.replication import PAPERS
 from losbench.workbench.reproduction.site import build_site
 
 PNG = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
@@ -110,6 +111,10 @@ def built(tmp_path_factory):
     (build / "notebooks").mkdir(parents=True)
     drawn = json.dumps(shown({"image/png": PNG}))
     (build / "notebooks" / f"{FIRST}.ipynb").write_text(drawn, encoding="utf-8")
+    (build / "figures").mkdir()
+    for _, pictures in PAPERS.values():
+        for name in pictures:
+            (build / "figures" / f"{name}.png").write_bytes(base64.b64decode(PNG))
     report = (
         "<!doctype html><html><title>t</title><style>p{}</style><h1>B</h1><table><tr><td>MISSED"
     )
@@ -144,6 +149,15 @@ def test_what_the_benches_found_is_taken_in(built):
     page = BeautifulSoup((built.parent / "benchmarks.html").read_text("utf-8"), "html.parser")
     assert page.select_one(".made td").text.strip() == "MISSED"
     assert len(page.select("h1")) == 1
+
+
+@pytest.mark.slow
+def test_pictures_of_the_report_have_captions_and_no_file_names(built):
+    page = BeautifulSoup((built.parent / "replication.html").read_text("utf-8"), "html.parser")
+    for _, pictures in PAPERS.values():
+        for name, caption in pictures.items():
+            assert page.find("figcaption", string=caption).parent.img["alt"] == f"Figure: {caption}"
+            assert name not in page.get_text() + str([img["alt"] for img in page("img")])
 
 
 @pytest.mark.slow

@@ -24,18 +24,27 @@ PAPERS = {
     "liu2026": (
         "Liu et al., Thermal line-of-sight pointing analysis of a space camera based on the IRLS "
         "algorithm, Chinese Optics, doi 10.37188/CO.2026-0039",
-        ("liu2026-layouts", "liu2026-reductions"),
+        {
+            "liu2026-layouts": "Where the two spots can stand on the sensor for Table 2 to follow.",
+            "liu2026-reductions": "By how much EIWA lies below the grey centroid: twin and prints.",
+        },
     ),
     "lyu2015": (
         "Lyu et al., Star spot centroiding method with inertial measurement information, Journal "
         "of NUDT 37(2), 2015, doi 10.11887/j.cn.201502029",
-        ("lyu2015-rate-limit", "lyu2015-spread"),
+        {
+            "lyu2015-rate-limit": "Centroid errors under other vibrations than the one assumed.",
+            "lyu2015-spread": "Aided errors of eight stars by threshold and mask, and as printed.",
+        },
     ),
     "ren2023": (
         "Ren et al., Boresight drift correction and on-orbit evaluation for the high-precision "
         "star camera, Spacecraft Recovery &amp; Remote Sensing 44(4), 2023, doi "
         "10.3969/j.issn.1009-8518.2023.04.002",
-        ("ren2023-fig-4", "ren2023-unbiased-split"),
+        {
+            "ren2023-fig-4": "The angle between the cameras over two months, as in Fig. 4.",
+            "ren2023-unbiased-split": "What the split into LSFE and NEA finds of the true LSFE.",
+        },
     ),
 }
 _HEADS = {
@@ -187,13 +196,16 @@ def _questions(name: str, ledger: Ledger) -> str:
     return f"<h3>What would settle it</h3><ol>{''.join(asked)}</ol>" if asked else ""
 
 
-def _figures(names: Iterable[str], build: Path) -> str:
+def _figures(captions: Mapping[str, str], build: Path) -> str:
     pictures = []
-    for name in names:
+    for name, caption in captions.items():
         path = build / "figures" / f"{name}.png"
         if path.is_file():
             data = base64.b64encode(path.read_bytes()).decode()
-            pictures.append(f'<img src="data:image/png;base64,{data}" alt="{escape(name)}">')
+            pictures.append(
+                f'<figure><img src="data:image/png;base64,{data}" alt="Figure: {escape(caption)}">'
+                f"<figcaption>{escape(caption)}</figcaption></figure>"
+            )
     return f"<div class='figures'>{''.join(pictures)}</div>" if pictures else ""
 
 
