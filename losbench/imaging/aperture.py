@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erf
 
 from losbench.arrays import Bools, Floats, Indices, Pixels
+from losbench.imaging.moment import moment_sigma, plane_under
 from losbench.imaging.places import evenly
 from losbench.imaging.stamps import cut_stamps
 from losbench.units import SIGMA_PER_MAD
@@ -28,11 +28,6 @@ _LEAKS = 0.05  # of the peak
 _CROSS = 0.3  # part of a real peak that its four neighbours hold
 _NEIGHBOURS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32)
 _FWHM = 2.3548
-_RIDGE = 1e-9 * np.eye(3)
-_FEWEST = 12  # pixels of a ring that tell a plane
-_BRIGHT = 20.0  # errors of the flux, for a second moment to tell
-_ROUNDS = 12
-_LONG = 1.2  # ratio of the axes from which on a spot is not round
 
 
 def aperture_sigma(stack: NDArray[Any], frame: Indices, middle: Indices) -> float:
@@ -54,8 +49,9 @@ def aperture_sigma(stack: NDArray[Any], frame: Indices, middle: Indices) -> floa
     Notes
     -----
     The aperture grows while nothing stands out in it, while it is darker far away than in the ring
-    around it, and while what is above half of the peak is too wide for it. Then the second moment
-    in a window of six sigma about its own centre, of a Gaussian cut off there, is iterated.
+    around it, and while what is above half of the peak is too wide for it. Then `moment_sigma` has
+    the width: for a Gaussian to about the bound of Cramer and Rao, noise / (amplitude sigma
+    sqrt(pi)), for another shape that of its second moment.
     """
     half, most = _FIRST, max(stack.shape[1:])
     while True:
@@ -63,7 +59,9 @@ def aperture_sigma(stack: NDArray[Any], frame: Indices, middle: Indices) -> floa
         if half >= most or not seen.outgrown:
             break
         half = int(np.ceil(_GROWTH * half))
-    return _second_moment(seen) if seen.stands_out else np.nan
+    if not seen.stands_out:
+        return np.nan
+    return seen.bin * moment_sigma(seen.signal, seen.noise, seen.core, max(seen.sigma, 0.3))
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ class _Aperture:
         level = float(np.median(ring))
         spread = np.abs(ring - level)
         if around.any():  # about a plane, so that a gradient is no noise
-            spread = np.abs(ring - _plane_under(pixels, around)[around])
+            spread = np.abs(ring - plane_under(pixels, around)[around])
         noise = float(max(SIGMA_PER_MAD * np.median(spread), spread.mean() / 3.0))
         signal = _without_hot(np.where(seen, pixels - level, 0.0).astype(np.float32), noise)
         told = cv2.blur(signal, (3, 3)) if reach > _ROUNDED else signal
@@ -173,78 +171,3 @@ def _without_hot(signal: Pixels, noise: float) -> Pixels:
         cross = cv2.filter2D(signal, -1, _NEIGHBOURS)
         hot &= cross < _CROSS * signal
     return np.where(hot, median, signal)
-
-
-def _second_moment(seen: _Aperture) -> float:
-    """Sigma from the second moment, or from the core where the spot is too faint for that."""
-    signal, first = seen.signal, max(seen.sigma, 0.3)
-    row, column = np.nonzero(seen.core)
-    centre, sigma = np.array([column.mean(), row.mean()]), np.array([first, first])
-    for _ in range(_ROUNDS):
-        half = max(int(np.rint(3.0 * sigma.max())), 1)
-        window, beyond = (
-            _square(signal, centre, half),
-            _square(signal, centre, half + max(half // 3, 2)),
-        )
-        # Only what lies around is looked at: the square of the window within the larger one.
-        inner = tuple(
-            slice(a.start - b.start, a.stop - b.start) for a, b in zip(window, beyond, strict=True)
-        )
-        ring = np.ones(signal[beyond].shape, bool)
-        ring[inner] = False
-        light = signal[window] - _plane_under(signal[beyond], ring)[inner]
-        flux = float(light.sum())
-        if flux < _BRIGHT * seen.noise * np.sqrt(light.size):
-            return first * seen.bin
-        along = [
-            np.arange(part.start, part.start + n)
-            for part, n in zip(window, light.shape, strict=True)
-        ]
-        sums = light.sum(axis=0), light.sum(axis=1)
-        centre = np.array([sums[0] @ along[1], sums[1] @ along[0]]) / flux
-        moment = np.array(
-            [sums[0] @ (along[1] - centre[0]) ** 2, sums[1] @ (along[0] - centre[1]) ** 2]
-        )
-        variance = moment / flux / _kept_variance((half + 0.5) / sigma) - 1.0 / 12.0
-        found = np.sqrt(np.clip(variance, 0.04, None)).clip(0.6 * first, 3.0 * first)
-        done = bool((np.abs(found - sigma) < 0.02 * sigma).all())
-        sigma = found
-        if done:
-            break
-    wider = float(sigma.max())
-    return seen.bin * (wider if wider > _LONG * sigma.min() else float(sigma.mean()))
-
-
-def _plane_under(pixels: Floats, ring: Bools) -> Floats:
-    """Plane (rows, columns) through a ring, without what stands out of it."""
-    row, column = np.nonzero(ring)
-    if len(row) < _FEWEST:
-        return np.full(pixels.shape, np.median(pixels[ring]) if len(row) else 0.0)
-    basis = np.stack([np.ones(len(row)), column, row], axis=-1)
-    values, kept = pixels[ring], np.ones(len(row), bool)
-    for _ in range(2):
-        some = basis[kept]
-        plane = np.linalg.solve(some.T @ some + _RIDGE, some.T @ values[kept])
-        rest = values - basis @ plane
-        rest -= np.median(rest)
-        kept = np.abs(rest) <= 3.0 * SIGMA_PER_MAD * np.median(np.abs(rest)) + 1e-12
-        if kept.sum() < _FEWEST:
-            break
-    y, x = np.arange(pixels.shape[0])[:, None], np.arange(pixels.shape[1])
-    return plane[0] + plane[1] * x + plane[2] * y
-
-
-def _square(signal: Floats, centre: Floats, half: int) -> tuple[slice, slice]:
-    """The pixels within so many of the one that holds the centre."""
-    x, y = (int(at) for at in np.rint(centre))
-    return (
-        slice(max(y - half, 0), min(y + half + 1, len(signal))),
-        slice(max(x - half, 0), min(x + half + 1, signal.shape[1])),
-    )
-
-
-def _kept_variance(reach: Floats) -> Floats:
-    """Part of a Gaussian's variance that is left when it is cut off at so many sigma."""
-    bell = np.exp(-0.5 * reach**2) * np.sqrt(2.0 / np.pi)
-    kept: Floats = 1.0 - reach * bell / erf(reach / np.sqrt(2.0))
-    return kept
