@@ -24,6 +24,7 @@ _FRAMES = 16
 _RING = 4  # pixels
 _ROUNDED = 12  # pixels of the half, beyond which the peak is that of the 3 x 3 mean
 _STANDS_OUT = 5.0  # noises
+_OFF = 1.5  # sigma, within which a start is on its spot
 _LEAKS = 0.05  # of the peak
 _CROSS = 0.3  # part of a real peak that its four neighbours hold
 _NEIGHBOURS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32)
@@ -44,7 +45,7 @@ def aperture_sigma(stack: NDArray[Any], frame: Indices, middle: Indices) -> floa
     Returns
     -------
     float
-        NaN where nothing stands out.
+        NaN where nothing stands out, or what does is more than ten pixels and 1.5 sigma away.
 
     Notes
     -----
@@ -61,14 +62,15 @@ def aperture_sigma(stack: NDArray[Any], frame: Indices, middle: Indices) -> floa
         half = int(np.ceil(_GROWTH * half))
     if not seen.stands_out:
         return np.nan
-    return seen.bin * moment_sigma(seen.signal, seen.noise, seen.core, max(seen.sigma, 0.3))
+    sigma = seen.bin * moment_sigma(seen.signal, seen.noise, seen.core, max(seen.sigma, 0.3))
+    return sigma if seen.bin * seen.off <= max(_FIRST, _OFF * sigma) else np.nan
 
 
 @dataclass(frozen=True)
 class _Aperture:
     """What lies around a spot (rows, columns), the level of the ring off: in squares of ``bin``
-    pixels, half the aperture in these, the noise of the ring, what is above half of the peak, and
-    whether it is darker far away.
+    pixels, half the aperture in these, the noise of the ring, how far off the peak is, what is
+    above half of it, and whether it is darker far away.
     """
 
     signal: Floats
@@ -76,6 +78,7 @@ class _Aperture:
     half: float
     noise: float
     peak: float
+    off: float
     core: Bools
     darker: bool
 
@@ -108,7 +111,9 @@ class _Aperture:
         step_down = level - float(np.median(far)) if far.size else 0.0
         darker = step_down > max(_LEAKS * peak, _STANDS_OUT * error)
         core = (groups == groups[top]) & (near > peak / 2)
-        return cls(signal.astype(np.float64), size, reach, noise, peak, core, darker)
+        return cls(
+            signal.astype(np.float64), size, reach, noise, peak, float(away[top]), core, darker
+        )
 
     @property
     def stands_out(self) -> bool:

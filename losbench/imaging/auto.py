@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from losbench.arrays import Indices
+from losbench.arrays import Bools
 from losbench.imaging.common import as_width, check_fields
 from losbench.imaging.eiwa import EIWA
-from losbench.imaging.engine import Engine
+from losbench.imaging.groups import Group, in_order
 from losbench.imaging.likelihood import Likelihood
-from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
+from losbench.imaging.protocols import CentroidMethod, Estimate, Window, Windows
 from losbench.imaging.scrutiny import UNEXPLAINED, unexplained
 from losbench.imaging.weighted import Weighted
 from losbench.imaging.widths import spot_fits
@@ -46,8 +47,8 @@ class AutoCentroid:
     ----------
     width : float, (2,) or (n, 2) array, pixels, optional
         Sigma of the template, along x and y; by default found as for `Weighted`.
-    window : odd int, pixels, optional
-        Side N of the window; see `centroid` for the default.
+    window : odd int or (n,) of them, pixels, optional
+        Side N of the window, or of that of each spot; see `centroid` for the default.
     centre, hot_pixel_gate, smooth
         As for `EIWA`.
 
@@ -73,7 +74,7 @@ class AutoCentroid:
 
     width: ArrayLike | None = None
     _: KW_ONLY
-    window: int | None = None
+    window: Window | None = None
     centre: str | None = None
     hot_pixel_gate: bool = False
     smooth: str | None = None
@@ -89,27 +90,22 @@ class AutoCentroid:
         """Measure as `Likelihood` does, which is right as long as nothing has been chosen."""
         return Likelihood().measure(windows)
 
-    def choose(
-        self,
-        engine: Engine,
-        stack: NDArray[Any],
-        frame: Indices,
-        spot: Indices,
-        middle: Indices,
-        n_spots: int,
-    ) -> Chosen:
-        """Choose by some of the windows (M,) of frame, spot and whole pixel (M, 2)."""
-        fits = spot_fits(engine, stack, frame, spot, middle, n_spots, saturated=True)
-        bright = fits.bright & np.isfinite(fits.fit.centre).all(axis=1)
+    def choose(self, groups: Sequence[Group], stack: NDArray[Any]) -> Chosen:
+        """Choose by some of the windows of groups of spots."""
+        fits = [spot_fits(group, stack, saturated=True) for group in groups]
+        bright = [fit.bright & np.isfinite(fit.fit.centre).all(axis=1) for fit in fits]
         width = self.width
-        if not bright.any():
+        if not np.concatenate(bright).any():
             why = "no spot stands out enough to tell its shape"
             return Chosen(self._of(Weighted, width), f"weighted: {why}")
         if width is None:
-            width = fits.widths(n_spots)
-        windows, fit = fits.windows.of(bright), fits.fit.of(bright)
-        left = float(np.median(unexplained(windows, fit, windows.kept)))
-        full = 0.0 if windows.kept is None else float((windows.kept == 0).any(axis=(1, 2)).mean())
+            width = in_order(groups, [fit.widths() for fit in fits])
+        seen = [
+            (each.windows.of(some), each.fit.of(some))
+            for each, some in zip(fits, bright, strict=True)
+        ]
+        left = float(np.median(np.concatenate([unexplained(w, fit, w.kept) for w, fit in seen])))
+        full = float(np.concatenate([_masked(windows) for windows, _ in seen]).mean())
         why = f"a Gaussian leaves {100 * left:.0f} % of the light of the spots unexplained"
         if left > UNEXPLAINED:
             return Chosen(self._of(EIWA), f"eiwa: {why}")
@@ -128,3 +124,10 @@ class AutoCentroid:
             smooth=self.smooth,
         )
         return method
+
+
+def _masked(windows: Windows) -> Bools:
+    """Which of M windows are not wholly kept."""
+    if windows.kept is None:
+        return np.zeros(len(windows.signal), dtype=bool)
+    return np.asarray((windows.kept == 0).any(axis=(1, 2)))

@@ -5,33 +5,28 @@ them.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from losbench.arrays import Bools, Floats
+from losbench.arrays import Bools, Floats, Ints
 from losbench.imaging.auto import AutoCentroid
 from losbench.imaging.background import Background
 from losbench.imaging.common import smoothed
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import EIWA
-from losbench.imaging.engine import Engine
 from losbench.imaging.gain import recording_gain
+from losbench.imaging.groups import grouped
 from losbench.imaging.methods import MethodFields, as_background, as_method
 from losbench.imaging.noise import Gain
-from losbench.imaging.places import as_stack, as_starts, in_frame, peak_pixels
+from losbench.imaging.places import as_stack, as_starts
 from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.results import Centroids, Measured, SpotFlag
-from losbench.imaging.sizes import default_window
-from losbench.imaging.stamps import RING
+from losbench.imaging.sizes import default_window, window_sides
 from losbench.imaging.widths import spot_widths
 
 __all__ = ["centroid", "default_window", "window_path"]
-
-
-_BLOCK_PIXELS = 500_000  # of one block of stamps: some 1100 spots of six sigma stay in the cache
 
 
 def centroid(
@@ -95,8 +90,8 @@ def centroid(
     Notes
     -----
     `SpotFlag` lists the flags. The window, unless given, is the first odd one of at least six sigma
-    (1.5 spot diameters of four sigma), one for the whole call, from the median over the spots of
-    `losbench.imaging.sizes.spot_sigma`.
+    (1.5 spot diameters of four sigma) of `losbench.imaging.sizes.spot_sigma`: that of the median,
+    and a spot whose own differs by more than two pixels and a tenth has its own.
 
     The error is the sandwich error of the equation sum w(c) (x - c) (I - B) = 0 with background
     plane B: the root of sum w^2 (x - c)^2 V + (sum w (x - c)^2)^2 var(slope of B), over T (1 -
@@ -121,32 +116,23 @@ def centroid(
         raise ValueError("detector and noise are two words for one thing: give detector")
     stack = as_stack(frames)
     places = as_starts("start", start, len(stack))
-    side = default_window(stack, places) if chosen.window is None else chosen.window
-    first = chosen.centre or ("peak" if chosen.stays else "start")
-    at = peak_pixels(stack, places, max(2, side // 4)) if first == "peak" else places
-    frame, spot, middle = in_frame(stack, at)
-    result = Measured.nothing(places.shape[:2])
-    engine = Engine.of_stack(stack, chosen, under, side, detector or noise, full_scale_dn)
-    if detector is None and noise is None:
-        engine = replace(engine, noise=recording_gain(engine, stack, at))
+    sides = window_sides(chosen.window, stack, places)
+    known = detector or noise
+    groups = grouped(stack, places, sides, chosen, under, known, full_scale_dn)
+    if known is None:
+        known = recording_gain(groups, stack)
+        groups = [each.of(noise=known) for each in groups]
     reason = ""
     if isinstance(chosen, AutoCentroid):
-        choice = chosen.choose(engine, stack, frame, spot, middle, places.shape[1])
+        choice = chosen.choose(groups, stack)
         chosen, reason = choice.method, choice.reason
-        engine = replace(engine, method=chosen)
-    width = spot_widths(engine, stack, frame, spot, middle, places.shape[1])
-    pixels = len(frame) * (engine.ring + 2 * RING) ** 2
-    # Alike in size: a block of a few spots that are left over takes half the time of a whole one.
-    ends = np.linspace(0, len(frame), max(1, round(pixels / _BLOCK_PIXELS)) + 1).astype(int)
-    for begin, end in pairwise(ends.tolist()):
-        block = slice(begin, end)
-        where = frame[block], spot[block]
-        part = engine.measure(
-            stack, frame[block], middle[block], at[where], width=width[spot[block]]
-        )
-        result.put(where, part)
-    result.flags[_crowded(places, side)] |= SpotFlag.NEIGHBOUR
-    if isinstance(engine.noise, Gain) and not engine.noise.known:
+        groups = [each.of(method=chosen) for each in groups]
+    width = spot_widths(groups, stack)
+    result = Measured.nothing(places.shape[:2])
+    for group in groups:
+        group.measure(stack, width[group.numbers], result)
+    result.flags[_crowded(places, sides)] |= SpotFlag.NEIGHBOUR
+    if isinstance(known, Gain) and not known.known:
         result.flags[np.isfinite(result.xy[..., 0])] |= SpotFlag.LOWER_BOUND
     if chosen.smooth is not None:
         xy, sigma = smoothed(chosen.smooth, result.xy)
@@ -160,12 +146,12 @@ def centroid(
         result.background,
         result.n_iter,
         result.flags,
-        side,
+        int(sides[0]) if (sides == sides[0]).all() else sides,
         width if chosen.template else None,
         result.n_bad,
         chosen,
         reason,
-        engine.noise,
+        known,
     )
 
 
@@ -206,20 +192,23 @@ def window_path(
     return method.path(image, start, background=as_background(background))
 
 
-def _crowded(places: Floats, window: int) -> Bools:
-    """Spots (F, n) with another start within one window."""
+def _crowded(places: Floats, sides: Ints) -> Bools:
+    """Spots (F, n) with another start within one window (n,), theirs or that of the other."""
     if places.shape[1] == 1:
         return np.zeros(places.shape[:2], dtype=bool)
     from scipy.spatial import cKDTree
 
     if not places.strides[0]:  # the same in all frames
-        return np.broadcast_to(_crowded(places[:1].copy(), window), places.shape[:2])
+        return np.broadcast_to(_crowded(places[:1].copy(), sides), places.shape[:2])
     seen = np.isfinite(places).all(axis=-1)
-    apart = 2.0 * window * np.nonzero(seen)[0]  # frames lie above each other, out of reach
+    frame, spot = np.nonzero(seen)
+    apart = 2.0 * sides.max() * frame  # frames lie above each other, out of reach
     points = np.column_stack([places[seen], apart])
     crowded = np.zeros(seen.shape, dtype=bool)
     tree = cKDTree(points, compact_nodes=False, balanced_tree=False)
     near = np.zeros(len(points), dtype=bool)
-    near[tree.query_pairs(np.nextafter(window, 0.0), output_type="ndarray")] = True
+    for side in np.unique(sides).tolist():
+        pairs = tree.query_pairs(np.nextafter(side, 0.0), output_type="ndarray")
+        near[pairs[(sides[spot[pairs]] == side).any(axis=1)]] = True
     crowded[seen] = near
     return crowded

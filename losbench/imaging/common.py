@@ -6,14 +6,15 @@ from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar, TypeAlias
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from losbench.arrays import Floats
 from losbench.checks import boolean, choice, finite, integer, number, odd
 from losbench.estimation.smoothing import Smoothed, kalman_smooth
-from losbench.imaging.protocols import CentroidFields
+from losbench.imaging.protocols import CentroidFields, Window
 
-__all__ = ["TemplateFields", "Width", "as_width", "check_fields", "smoothed"]
+__all__ = ["TemplateFields", "Width", "as_width", "as_window", "check_fields", "smoothed"]
 
 
 Width: TypeAlias = float | tuple[float, float] | tuple[tuple[float, float], ...]
@@ -22,13 +23,38 @@ _SMOOTHERS: dict[str, Callable[[Floats], Smoothed]] = {"kalman": kalman_smooth}
 
 
 def check_fields(method: CentroidFields) -> None:
-    """Raise ``ValueError`` unless the fields that every centroid has are in range."""
-    if method.window is not None:
-        odd("window", method.window, low=3)
+    """Check the fields that every centroid has, and bring the window into the form of `as_window`.
+
+    Raises
+    ------
+    ValueError
+        If one is out of range.
+    """
+    object.__setattr__(method, "window", as_window(method.window))
     if method.centre is not None:
         choice("centre", method.centre, ("start", "peak"))
     boolean("hot_pixel_gate", method.hot_pixel_gate)
     choice("smooth", method.smooth or "none", ("none", *_SMOOTHERS))
+
+
+def as_window(window: ArrayLike | None) -> Window | None:
+    """Return the side of a window as an odd number, or as one for each spot where they differ; None
+    stays.
+
+    >>> as_window([13, 13]), as_window(np.array([9, 73]))
+    (13, (9, 73))
+
+    Raises
+    ------
+    ValueError
+        If one is even, or below 3.
+    """
+    if window is None:
+        return None
+    if np.ndim(window) != 1:
+        return odd("window", window, low=3)
+    sides = tuple(odd("window", side, low=3) for side in np.asarray(window).tolist())
+    return sides[0] if len(set(sides)) == 1 else sides
 
 
 def as_width(width: ArrayLike | None) -> Width | None:
@@ -59,7 +85,7 @@ class TemplateFields:
 
     width: ArrayLike | None = None
     _: KW_ONLY
-    window: int | None = None
+    window: Window | None = None
     tolerance: float = 1e-3
     max_iter: int = 50
     centre: str | None = None

@@ -23,8 +23,8 @@ from losbench.imaging.background import Background, Ring
 from losbench.imaging.common import check_fields
 from losbench.imaging.engine import Engine
 from losbench.imaging.places import as_stack, as_starts, in_frame
-from losbench.imaging.protocols import Estimate, Windows
-from losbench.imaging.sizes import default_window
+from losbench.imaging.protocols import Estimate, Window, Windows
+from losbench.imaging.sizes import window_sides
 from losbench.imaging.window import NEWTON_LIMIT, Look, WindowFit, look, window_estimate
 
 __all__ = ["EIWA"]
@@ -70,8 +70,8 @@ class EIWA:
 
     Parameters
     ----------
-    window : odd int, pixels, optional
-        Side N of the window; see `centroid` for the default.
+    window : odd int or (n,) of them, pixels, optional
+        Side N of the window, or of that of each spot; see `centroid` for the default.
     stop : "error" or "step"
         "step" is the paper to the letter, eq. (15): replace the centre by the centroid, and stop
         once it moves by less than the tolerance. What is left then is contraction / (1 -
@@ -104,7 +104,7 @@ class EIWA:
     ([[20.3, 15.8]], [3])
     """
 
-    window: int | None = None
+    window: Window | None = None
     stop: str = "error"
     tolerance: float | None = None
     _: KW_ONLY
@@ -196,7 +196,7 @@ class EIWA:
         """
         stack = as_stack(image)
         place = as_starts("start", np.asarray(start, dtype=np.float64).reshape(-1, 2), 1)
-        side = default_window(stack, place) if self.window is None else self.window
+        side = int(window_sides(self.window, stack, place)[0])
         watched = _Watched(**vars(self))
         engine = Engine.of_stack(stack, watched, background, side)
         frame, _, middle = in_frame(stack, place)

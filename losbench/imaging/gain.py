@@ -8,6 +8,7 @@ the variance at the signal of that pixel (Janesick, Photon Transfer, SPIE Press 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,10 +21,10 @@ from losbench.checks import finite
 from losbench.imaging.background import fit_ring
 from losbench.imaging.columns import Templates
 from losbench.imaging.eiwa import EIWA
-from losbench.imaging.engine import Engine
+from losbench.imaging.groups import Group, in_order
 from losbench.imaging.noise import Gain, Transfer, step_of
 from losbench.imaging.places import as_stack, as_starts, evenly, in_frame
-from losbench.imaging.results import SpotFlag
+from losbench.imaging.results import Measured, SpotFlag
 from losbench.imaging.stamps import RING, cut_stamps, ring_of
 
 __all__ = ["estimate_gain", "recording_gain"]
@@ -137,24 +138,31 @@ def estimate_gain(
     return Gain(slope.per_dn, slope.error, step, _curve(found, slope))
 
 
-def recording_gain(engine: Engine, stack: NDArray[Any], places: Floats) -> Gain:
-    """Gain of frames (F, H, W) with spots near (F, n, 2), by the windows of an engine."""
+def recording_gain(groups: Sequence[Group], stack: NDArray[Any]) -> Gain:
+    """Gain of frames (F, H, W) with groups of spots."""
     if len(stack) < _FEWEST_FRAMES:
         return Gain(0.0, np.inf, step_of(stack))
     chosen = evenly(len(stack), _FRAMES)
     some = stack if len(chosen) == len(stack) else stack[chosen]
-    near = places[chosen]
-    near = near[:, _brightest(some, near)]
+    near = in_order(groups, [group.at[chosen].swapaxes(0, 1) for group in groups]).swapaxes(0, 1)
+    bright = _brightest(some, near)
+    near = near[:, bright]
     if not near.size:
         return Gain(0.0, np.inf, step_of(stack))
-    frame, spot, middle = in_frame(some, near)
-    look = replace(engine, method=EIWA(engine.window))
-    seen = look.measure(
-        some, frame, middle, near[frame, spot], width=np.full((len(frame), 2), np.nan)
-    )
-    xy = np.full(near.shape, np.nan)
-    xy[frame, spot] = np.where((seen.flags & SpotFlag.NOT_CONVERGED > 0)[:, None], np.nan, seen.xy)
-    return estimate_gain(some, xy, engine.window / 6.0, full_scale_dn=engine.full_scale_dn)
+    seen = Measured.nothing(near.shape[:2])
+    for group in groups:
+        own = np.flatnonzero(np.isin(bright, group.numbers))
+        if own.size:
+            frame, spot, middle = in_frame(some, near[:, own])
+            look, where = (
+                replace(group.engine, method=EIWA(group.engine.window)),
+                (frame, own[spot]),
+            )
+            nothing = np.full((len(frame), 2), np.nan)
+            seen.put(where, look.measure(some, frame, middle, near[where], width=nothing))
+    width = in_order(groups, [np.full(len(g.numbers), g.engine.window / 6.0) for g in groups])
+    xy = np.where((seen.flags & SpotFlag.NOT_CONVERGED > 0)[..., None], np.nan, seen.xy)
+    return estimate_gain(some, xy, width[bright], full_scale_dn=groups[0].engine.full_scale_dn)
 
 
 def _brightest(stack: NDArray[Any], places: Floats) -> Indices:

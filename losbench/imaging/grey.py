@@ -9,7 +9,7 @@ import numpy as np
 
 from losbench.arrays import Floats, Pixels
 from losbench.imaging.common import check_fields
-from losbench.imaging.protocols import Estimate, Windows
+from losbench.imaging.protocols import Estimate, Window, Windows
 from losbench.imaging.window import WindowFit, look, window_estimate
 
 __all__ = ["Grey", "grey"]
@@ -24,8 +24,8 @@ class Grey:
 
     Parameters
     ----------
-    window : odd int, pixels, optional
-        Side N of the window; see `centroid` for the default.
+    window : odd int or (n,) of them, pixels, optional
+        Side N of the window, or of that of each spot; see `centroid` for the default.
     centre : "start" or "peak", optional
         The whole pixel on which the window stands: nearest the start, or the brightest within a
         quarter of a window of it, frame by frame. By default "peak", as in the paper.
@@ -54,7 +54,7 @@ class Grey:
     [[20.3, 15.8]]
     """
 
-    window: int | None = None
+    window: Window | None = None
     _: KW_ONLY
     centre: str | None = None
     hot_pixel_gate: bool = False

@@ -24,8 +24,8 @@ class Likelihood(TemplateFields):
     ----------
     width : float, (2,) or (n, 2) array, pixels, optional
         Where both widths begin; by default found as for `Weighted`.
-    window : odd int, pixels, optional
-        Side N of the window; see `centroid` for the default.
+    window : odd int or (n,) of them, pixels, optional
+        Side N of the window, or of that of each spot; see `centroid` for the default.
     tolerance : float, pixels
         A fit is done when the square of a step, which is about what it leaves, is shorter.
     max_iter : int

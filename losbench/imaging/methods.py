@@ -35,7 +35,7 @@ _BACKGROUNDS: dict[str, Background] = {"ring": Ring(), "none": Level(0.0)}
 class MethodFields(TypedDict, total=False):
     """What may stand beside the name of a centroid; ``sigma`` is a second word for ``width``."""
 
-    window: int | None
+    window: ArrayLike | None
     width: ArrayLike | None
     sigma: ArrayLike | None
     stop: str | None

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
 from losbench.imaging.noise import PixelNoise
 
-__all__ = ["CentroidFields", "CentroidMethod", "Estimate", "Windows"]
+__all__ = ["CentroidFields", "CentroidMethod", "Estimate", "Window", "Windows"]
+
+
+Window: TypeAlias = int | tuple[int, ...]  # the side of one, or of the window of each spot
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ class CentroidFields(Protocol):
     """The fields of a `CentroidMethod`, which says what they mean."""
 
     @property
-    def window(self) -> int | None: ...  # noqa: D102
+    def window(self) -> Window | None: ...  # noqa: D102
     @property
     def width(self) -> ArrayLike | None: ...  # noqa: D102
     @property
@@ -101,8 +104,8 @@ class CentroidMethod(CentroidFields, Protocol):
 
     Attributes
     ----------
-    window : int or None, pixels
-        Side of the window, odd; None: chosen from the data.
+    window : int, (n,) tuple or None, pixels
+        Side of the window, odd, or of that of each spot; None: chosen from the data.
     centre : "start", "peak" or None
         Where the first window stands. None: "peak" for a window that ``stays``, and in `measure`;
         else "start".

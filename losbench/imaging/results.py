@@ -172,8 +172,8 @@ class Centroids:
         How often a window, or a template, was evaluated.
     flags : (F, n) array of int
         Bits of `SpotFlag`; 0 is a spot without reproach.
-    window : int, pixels
-        Side of the window that was used.
+    window : int or (n,) array of int, pixels
+        Side of the window that was used, or of that of each spot where they differ.
     width_px : (n, 2) array or None
         Sigma of each spot's template along x and y, as given or found; None for the methods that
         have no template.
@@ -193,7 +193,7 @@ class Centroids:
     background: Floats
     n_iter: Ints
     flags: Ints
-    window: int
+    window: int | Ints
     width_px: Floats | None = None
     n_bad: Ints | None = None
     method: CentroidMethod | None = None
@@ -237,8 +237,10 @@ class Centroids:
             for spot in range(count)
         )
         which = "" if frames == 1 else "; frame 0"
+        low, high = np.min(self.window), np.max(self.window)
+        window = f"window {low}" if low == high else f"windows {low} to {high}"
         return html_table(
-            f"{count} spots in {frames} frames, window {self.window} px{which}",
+            f"{count} spots in {frames} frames, {window} px{which}",
             ["spot", "x (px)", "y (px)", "flux (DN)", "flags"],
             rows,
             count=count,

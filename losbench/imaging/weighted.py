@@ -25,8 +25,8 @@ class Weighted(TemplateFields):
         Sigma of the template, along x and y. By default what fits best: the median over frames for
         a spot that four frames show well, else the median of the call, weighted by information. One
         faint or undersampled star does not tell its width.
-    window : odd int, pixels, optional
-        Side N of the window; see `centroid` for the default.
+    window : odd int or (n,) of them, pixels, optional
+        Side N of the window, or of that of each spot; see `centroid` for the default.
     tolerance : float, pixels
         A fit is done when the square of a step, which is about what it leaves, is shorter.
     max_iter : int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Indices
-from losbench.imaging.engine import Engine
 from losbench.imaging.grey import grey
+from losbench.imaging.groups import Group, in_order
 from losbench.imaging.places import evenly
 from losbench.imaging.protocols import Windows
 from losbench.imaging.scrutiny import asks, look_into
@@ -27,50 +28,48 @@ _FAINTEST = 10.0  # flux in units of its error
 _FEWEST = 4  # frames of a spot that tell a width of its own
 
 
-def spot_widths(
-    engine: Engine,
-    stack: NDArray[Any],
-    frame: Indices,
-    spot: Indices,
-    middle: Indices,
-    n_spots: int,
-) -> Floats:
-    """Width (n, 2) of each spot along x and y, in pixels, as the method of the engine needs it.
+def spot_widths(groups: Sequence[Group], stack: NDArray[Any]) -> Floats:
+    """Width (n, 2) of each spot of some groups along x and y, in pixels, as their method needs it.
 
     NaN where it has no template; what is given, spread over the spots; or what fits the windows
-    (M,) of frame, spot and whole pixel (M, 2) best.
+    best.
 
     Raises
     ------
     ValueError
         If the width that is given has another number of spots, or is wider than the window.
     """
-    given = engine.method.width
-    if not engine.method.template:
+    n_spots, method = sum(len(group.numbers) for group in groups), groups[0].engine.method
+    if not method.template:
         return np.full((n_spots, 2), np.nan)
-    if given is None:
-        return spot_fits(engine, stack, frame, spot, middle, n_spots).widths(n_spots)
-    width = np.asarray(given, dtype=np.float64)
-    if width.shape not in ((), (2,), (n_spots, 2)) or (width > engine.window).any():
-        raise ValueError(
-            f"width (sigma of a spot) must be a number, two or ({n_spots}, 2), of 0.1 to "
-            f"{engine.window} pixels, the window, got {given!r}"
-        )
-    return np.broadcast_to(width, (n_spots, 2)).copy()
+    if method.width is None:
+        return in_order(groups, [spot_fits(group, stack).widths() for group in groups])
+    width = np.asarray(method.width, dtype=np.float64)
+    fits = width.shape in ((), (2,), (n_spots, 2))
+    each = np.broadcast_to(width if fits else np.nan, (n_spots, 2)).copy()
+    for group in groups:
+        window = group.engine.window
+        if not (each[group.numbers] <= window).all():
+            raise ValueError(
+                f"width (sigma of a spot) must be a number, two or ({n_spots}, 2), of 0.1 to "
+                f"{window} pixels, the window, got {method.width!r}"
+            )
+    return each
 
 
 @dataclass(frozen=True)
 class SpotFits:
-    """Gaussians with free widths, fitted to some windows of a call: of which spots (M,), the
-    windows, the fits, and the flux in units of its error (M,).
+    """Gaussians with free widths, fitted to some windows of ``count`` spots: of which spots (M,),
+    the windows, the fits, and the flux in units of its error (M,).
     """
 
+    count: int
     spot: Indices
     windows: Windows
     fit: TemplateFit
     significance: Floats
 
-    def widths(self, n_spots: int) -> Floats:
+    def widths(self) -> Floats:
         """Width (n, 2) of each spot that fits best.
 
         A spot seen in four frames or more has its own, the median over up to 64 of them. All others
@@ -82,9 +81,9 @@ class SpotFits:
         voters, width = self.spot[bright], self.fit.width[bright]
         weight = self.significance[bright] ** 2
         if not voters.size:
-            return np.full((n_spots, 2), self.windows.side / 6.0)
-        found = np.tile(_weighted_median(width, weight), (n_spots, 1))
-        for k in np.flatnonzero(np.bincount(voters, minlength=n_spots) >= _FEWEST):
+            return np.full((self.count, 2), self.windows.side / 6.0)
+        found = np.tile(_weighted_median(width, weight), (self.count, 1))
+        for k in np.flatnonzero(np.bincount(voters, minlength=self.count) >= _FEWEST):
             found[k] = _weighted_median(width[voters == k], weight[voters == k])
         return found
 
@@ -94,22 +93,15 @@ class SpotFits:
         return self.significance >= _FAINTEST
 
 
-def spot_fits(
-    engine: Engine,
-    stack: NDArray[Any],
-    frame: Indices,
-    spot: Indices,
-    middle: Indices,
-    n_spots: int,
-    *,
-    saturated: bool = False,
-) -> SpotFits:
-    """Fit Gaussians to some of the windows (M,) of frame, spot and whole pixel (M, 2).
+def spot_fits(group: Group, stack: NDArray[Any], *, saturated: bool = False) -> SpotFits:
+    """Fit Gaussians to some of the windows of a group.
 
     Spots that are not wholly read are left out, and saturated ones unless they are wanted.
     """
-    some, side = _chosen(frame, spot, n_spots), engine.window
-    cut = engine.cut(stack, frame[some], middle[some])
+    count, side = len(group.numbers), group.engine.window
+    some = _chosen(group.frame, group.spot, count)
+    spot, middle = group.spot[some], group.middle[some]
+    cut = group.engine.cut(stack, group.frame[some], middle)
     usable = np.isfinite(cut.signal).all(axis=(1, 2)) & (saturated | ~cut.saturated)
     if cut.missing is not None:
         usable &= ~cut.missing.any(axis=(1, 2))
@@ -119,7 +111,7 @@ def spot_fits(
         signal,
         side,
         np.clip(start, -side / 3.0, side / 3.0),
-        middle[some][usable],
+        middle[usable],
         cut.noise.of(usable),
         np.full((len(signal), 2), side / 6.0),
         None if cut.kept is None else cut.kept[usable],
@@ -131,7 +123,7 @@ def spot_fits(
         fit.put(asking, look_into(windows.of(asking)).fit)
     with np.errstate(divide="ignore", invalid="ignore"):
         significance = np.nan_to_num(fit.flux / np.sqrt(fit.variance[:, 0]), posinf=1e9)
-    return SpotFits(spot[some][usable], windows, fit, significance)
+    return SpotFits(count, spot[usable], windows, fit, significance)
 
 
 def _chosen(frame: Indices, spot: Indices, n_spots: int) -> Indices:

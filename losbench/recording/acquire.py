@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Bools, Floats
+from losbench.arrays import Bools, Floats, Ints
 from losbench.imaging.finder import Find
 from losbench.imaging.results import Centroids, SpotFlag
 
@@ -25,11 +25,11 @@ _LIKE = 2.0  # times the light, by which a spot may differ from itself
 @dataclass(frozen=True, eq=False)
 class Known:
     """What is known of the spots of a recording: where they were looked for at first (n, 2), the
-    side of their window, their light (n,), and where else something stood then, (m, 2).
+    sides of their windows (n,), their light (n,), and where else something stood then, (m, 2).
     """
 
     start: Floats
-    side: int
+    sides: Ints
     flux: Floats
     strangers: Floats
 
@@ -39,17 +39,14 @@ class Known:
         return np.concatenate([self.strangers, self.strangers + moved])
 
 
-def strangers(image: NDArray[Any], places: Floats, side: int) -> Floats:
-    """What else the finder sees in an image (H, W) with spots at (n, 2)."""
+def strangers(image: NDArray[Any], places: Floats, sides: Ints) -> Floats:
+    """What else the finder sees in an image (H, W) with spots at (n, 2), in windows (n,)."""
     try:
         found = _FIND.find(image)[:_MOST]
     except ValueError:
         return np.zeros((0, 2))
-    return found[~_near(found, places, side)]
-
-
-def _near(found: Floats, places: Floats, side: int) -> Bools:
-    return (np.abs(found[:, None] - places).max(axis=-1) <= side / 2).any(axis=1)
+    near = np.abs(found[:, None] - places).max(axis=-1) <= sides / 2
+    return found[~near.any(axis=1)]
 
 
 def found_again(image: NDArray[Any], places: Floats, lost: Bools, known: Known) -> list[Floats]:
@@ -64,8 +61,10 @@ def found_again(image: NDArray[Any], places: Floats, lost: Bools, known: Known) 
     lost : (n,) array of bool
     known : Known
     """
-    taken = np.concatenate([places[~lost], known.others(places)])
-    free = strangers(image, taken, known.side)
+    others = known.others(places)
+    taken = np.concatenate([places[~lost], others])
+    sides = np.concatenate([known.sides[~lost], np.full(len(others), known.sides.max())])
+    free = strangers(image, taken, sides)
     if not len(free):
         return []
     nowhere, missing = np.full_like(places, np.nan), np.flatnonzero(lost)

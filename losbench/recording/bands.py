@@ -9,6 +9,7 @@ import numpy as np
 
 from losbench.arrays import Floats
 from losbench.imaging.background import RING
+from losbench.imaging.protocols import Window
 from losbench.recording.frames.protocol import Spans
 
 __all__ = ["Bands"]
@@ -36,7 +37,7 @@ class Bands:
     high: Floats
 
     @classmethod
-    def around(cls, places: Floats, window: int | None, side: int | None, rows: int) -> Self:
+    def around(cls, places: Floats, window: Window | None, side: int | None, rows: int) -> Self:
         """Rows that the windows of spots (F, n, 2) and the rings around ``side`` pixels can come
         upon: a spot sees neither an end of its band, unless it is the frame's, nor another band.
         """
@@ -45,7 +46,10 @@ class Bands:
         if window is None:
             return whole
         # Half a window each way to look for a peak, to move, and to see; then the ring around it.
-        reach = max(2, window // 4) + window + max(window, side or 0) // 2 + RING + _SPARE
+        sides = np.asarray(window)
+        reach = (
+            np.maximum(2, sides // 4) + sides + np.maximum(sides, side or 0) // 2 + RING + _SPARE
+        )
         low, high = places[..., 1].min(axis=0), places[..., 1].max(axis=0)
         first = np.clip(np.floor(low) - reach, 0, rows).astype(int)
         last = np.clip(np.ceil(high) + reach + 1, 0, rows).astype(int)

@@ -52,12 +52,12 @@ def measured(
     seen = see(frames, places)
     track = _track(seen, good)
     track = replace(track, xy=bands.outside(track.xy))
-    reach, at = max(2, seen.window // 4) - 0.5, expected[0]
+    reach, at = np.maximum(2, survey.sides // 4) - 0.5, expected[0]
     near = track.near(expected, reach)
     away = len(good) > 1 and not near[good].all()
     for k in np.flatnonzero(good & away).tolist():
         # While spots are out of reach they are followed from frame to frame.
-        if not near[k] or (np.abs(at - expected[k]) >= reach).any():
+        if not near[k] or (np.abs(at - expected[k]).max(axis=1) >= reach).any():
             if bands.hold(at):
                 step = _track(see(frames[k : k + 1], bands.within(at)), good[k : k + 1])
                 step = replace(step, xy=bands.outside(step.xy))

@@ -75,9 +75,10 @@ def frame_figure(measurement: Measurement, recording: Recording) -> Figure:
 
 def windows_px(measurement: Measurement) -> list[int | None]:
     """Side of each spot's window, None where it is not known."""
-    count, surveys = measurement.xy_px.shape[1], measurement.surveys
-    sides = [getattr(survey.method, "window", None) for survey in surveys] or [None]
-    return sides * count if len(sides) == 1 else sides
+    surveys, count = measurement.surveys, measurement.xy_px.shape[1]
+    sides = [survey.method.window for survey in surveys] or [None]
+    each = [np.broadcast_to(np.asarray(side), count if len(sides) == 1 else 1) for side in sides]
+    return list(np.concatenate(each).tolist())
 
 
 def shifts_figure(measurement: Measurement) -> Figure:

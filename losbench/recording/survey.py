@@ -15,8 +15,8 @@ from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import EIWA
-from losbench.imaging.engine import Engine
 from losbench.imaging.gain import recording_gain
+from losbench.imaging.groups import grouped
 from losbench.imaging.noise import Gain, step_of
 from losbench.imaging.places import evenly, in_frame
 from losbench.imaging.protocols import CentroidMethod
@@ -84,7 +84,12 @@ class Survey:
     @property
     def known(self) -> Known:
         """What a spot that is lost can be told by."""
-        return Known(self.start, self.method.window or 0, self.flux, self.strangers)
+        return Known(self.start, self.sides, self.flux, self.strangers)
+
+    @property
+    def sides(self) -> Ints:
+        """Side of the window (n,) of each spot; 0 where no frame could be read."""
+        return _sides(self.method, len(self.start))
 
     def predicted(self, first: int, last: int) -> Floats:
         """Where the spots are to be expected in frames ``first`` to ``last`` (excluded), (F, n, 2):
@@ -128,17 +133,18 @@ def survey(
     path = np.full((len(nodes), *start.shape), np.nan)
     flux, others = np.full(path.shape[:2], np.nan), np.zeros((0, 2))
     close: dict[int, Pixels] = {}
-    last, look, side, reach, looked = start, how, 0, 0, np.array([], dtype=np.intp)
+    last, look, reach, looked = start, how, 0, np.array([], dtype=np.intp)
+    sides = _sides(how, len(start))
     for node, k in enumerate(nodes.tolist()):
         read = stamp.read(k, k + 1, skip=recording.skip_unreadable)
         if not read.good[0]:
             continue
         if not reach:
-            side = how.window or window_in_first(read.frames[0], last)
-            how = replace(how, window=side)
-            look = _on_the_way(how, side)
-            others = strangers(read.frames[0], last, side)
-            reach = max(side, background.side or 0) // 2 + RING + _MARGIN
+            how = replace(how, window=how.window or window_in_first(read.frames[0], last))
+            sides = _sides(how, len(start))
+            look = _on_the_way(how, sides)
+            others = strangers(read.frames[0], last, sides)
+            reach = max(int(sides.max()), background.side or 0) // 2 + RING + _MARGIN
             room = max(3, _KEPT // (len(start) * (2 * reach + 1) ** 2))
             looked = evenly(len(nodes), min(_MOST, room))
         see = partial(
@@ -155,7 +161,7 @@ def survey(
         if lost.any() and node:
             at = np.where(lost[:, None], last, path[node])
             light = _median(flux[:node])
-            again = elsewhere(read.frames, at, lost, Known(start, side, light, others), see)
+            again = elsewhere(read.frames, at, lost, Known(start, sides, light, others), see)
             if again is not None:
                 path[node] = np.where(np.isfinite(again.xy[0]), again.xy[0], path[node])
         last = np.where(np.isnan(path[node]), last, path[node])
@@ -165,22 +171,22 @@ def survey(
     if close:
         stack = np.stack(list(close.values()))
         at = places_side_by_side(path[list(close)], reach)
-        engine = Engine.of_stack(stack, how, background, side, None, recording.full_scale_dn)
-        found, black = recording_gain(engine, stack, at), _clipped_black(stack)
+        still = replace(how, centre="start")
+        groups = grouped(stack, at, sides, still, background, None, recording.full_scale_dn)
+        found, black = recording_gain(groups, stack), _clipped_black(stack)
     known = recording.detector
     noise, doubts = (found, []) if known is None else (known, contradictions(known, found))
     reason = ""
     if _open(how) and close:
-        how = replace(how, centre="start")
         seen = centroid(
             stack,
             at,
-            method=how,
+            method=still,
             background=background,
             detector=noise,
             full_scale_dn=recording.full_scale_dn,
         )
-        how, reason = replace(seen.method or how, centre=look.centre), seen.reason
+        how, reason = replace(seen.method or still, centre=look.centre), seen.reason
         if how.template:
             how = replace(how, width=seen.width_px)
     return Survey(
@@ -218,11 +224,17 @@ def _clipped_black(stack: Pixels) -> float:
     return share if share >= _CLIPPED and share > next_above else 0.0
 
 
-def _on_the_way(method: CentroidMethod, side: int) -> CentroidMethod:
+def _sides(method: CentroidMethod, count: int) -> Ints:
+    return np.broadcast_to(np.asarray(method.window or 0, dtype=np.int64), count)
+
+
+def _on_the_way(method: CentroidMethod, sides: Ints) -> CentroidMethod:
     """What follows the spots, before what is left open in the method is known."""
     if isinstance(method, AutoCentroid):
-        return EIWA(side, centre=method.centre, hot_pixel_gate=method.hot_pixel_gate)
-    return replace(method, width=side / 6.0) if _open(method) else method
+        return EIWA(method.window, centre=method.centre, hot_pixel_gate=method.hot_pixel_gate)
+    if not _open(method):
+        return method
+    return replace(method, width=np.repeat(sides[:, None] / 6.0, 2, axis=1))
 
 
 def side_by_side(frames: Pixels, places: Floats, reach: int) -> Pixels:

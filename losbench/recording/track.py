@@ -42,6 +42,6 @@ class Track:
             {k: why for part in parts for k, why in part.skipped.items()},
         )
 
-    def near(self, places: Floats, reach: float) -> Bools:
-        """Whether each frame shows every spot, within reach of its place (F, n, 2)."""
+    def near(self, places: Floats, reach: Floats) -> Bools:
+        """Whether each frame shows every spot, within reach (n,) of its place (F, n, 2)."""
         return (np.abs(self.xy - places).max(axis=2) < reach).all(axis=1)

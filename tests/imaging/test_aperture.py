@@ -127,3 +127,13 @@ def test_the_width_of_a_real_beam_is_that_of_its_iterated_moment(real_data):
     np.testing.assert_allclose(found.xy, [[480.5, 387.3]], atol=0.5)
     assert found.flags[0] & lb.SpotFlag.LOWER_BOUND
     assert found.window / 6 == pytest.approx(36.5, rel=0.06)
+
+
+@pytest.mark.parametrize(("away", "seen"), [(18, False), (40, False), (9, True)])
+def test_a_start_beside_a_spot_has_no_width_of_its_own(away, seen):
+    """The aperture grows until it sees something: a spot further off is another one."""
+    image, xy = spot(2.0, 200.0, 9, margin=40.0)
+    found = spot_sigma(image, xy + np.array([away, 0]))
+    assert (found == pytest.approx(2.0, rel=0.05)) if seen else np.isnan(found)
+    beam, xy = spot(20.0, 100.0, 9)
+    assert spot_sigma(beam, xy + np.array([14, -14])) == pytest.approx(20.0, rel=0.05)

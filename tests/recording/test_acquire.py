@@ -69,7 +69,7 @@ def test_one_shift_of_all_decides_and_two_that_fit_do_not():
     rng = np.random.default_rng(1)
     places = np.array([[30.0, 30.0], [60.0, 40.0]])
     lost = np.array([True, True])
-    known = Known(places, 13, np.full(2, np.nan), np.zeros((0, 2)))
+    known = Known(places, np.full(2, 13), np.full(2, np.nan), np.zeros((0, 2)))
 
     def image(*shifts):
         xy = np.concatenate([places + shift for shift in shifts])
