@@ -14,18 +14,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import KDTree
 
-from losbench.arrays import Bools, Floats, Indices, Pixels
+from losbench.arrays import Floats, Indices
 from losbench.checks import finite
-from losbench.imaging.background import fit_ring
-from losbench.imaging.columns import Templates
 from losbench.imaging.eiwa import EIWA
 from losbench.imaging.groups import Group, in_order
 from losbench.imaging.noise import Gain, Transfer, step_of
+from losbench.imaging.pairs import Pairs, nearest_pairs
 from losbench.imaging.places import as_stack, as_starts, evenly, in_frame
 from losbench.imaging.results import Measured, SpotFlag
-from losbench.imaging.stamps import RING, cut_stamps, ring_of
 
 __all__ = ["estimate_gain", "recording_gain"]
 
@@ -35,40 +32,15 @@ _FRAMES = 64
 _SPOTS = 16  # the brightest
 _PAIRS = 96  # windows in all: the gain to a few percent
 _PIXELS = 2**18  # in all of them
+_BLOCK_PIXELS = 2**15  # that are worked on at once
 _ROUNDS = 3
+_MANY = 48  # pairs
+_EVERY = 4
 _OWN = 0.7  # leverage: such a pixel is explained by itself
 _SURE = 3.0  # sigma
-_ALIKE = 1e-9  # eigenvalue below which two columns are one
+_ALIKE = 1e-9  # of a unit diagonal
 _BINS = 12
 _FAR = 16.0  # squares of the noise: what differs by more is no noise
-_PLATEAU = 5  # pixels that share the highest reading
-
-
-@dataclass(frozen=True)
-class _Spot:
-    """One spot at (P, 2, 2) in P pairs of frames (P, 2); its sigma and the side of its window."""
-
-    pairs: Indices
-    at: Floats
-    width: float
-    side: int
-
-
-@dataclass(frozen=True)
-class _Pairs:
-    """P pairs of windows of S pixels: their difference, mean signal (P, S), what may explain the
-    difference (P, S, 14), the floor (P, 1) of the variance, which pixels count, and gradient
-    squared times shift squared; how much pairs share frames, and the level (P,) of the ring.
-    """
-
-    difference: Floats
-    signal: Floats
-    basis: Floats
-    floor: Floats
-    use: Bools
-    shifted: Floats
-    shared: float
-    level: Floats
 
 
 def estimate_gain(
@@ -123,15 +95,18 @@ def estimate_gain(
     if len(stack) < _FEWEST_FRAMES:
         return Gain(0.0, np.inf, step)
     spots = _brightest(stack, places)
+    sides = 2 * np.ceil(3.0 * widths).astype(int) + 1
     found = []
-    for spot in spots.tolist():
-        width = float(widths[spot])
-        side = 2 * int(np.ceil(3.0 * width)) + 1
+    for side in np.unique(sides[spots]).tolist():
+        alike = spots[sides[spots] == side]
         most = min(_PAIRS // len(spots), _PIXELS // (len(spots) * side**2))
-        pairs = _paired(places[:, spot], max(most, 2))
-        if len(pairs):
-            one = _Spot(pairs, places[pairs, spot], width, side)
-            found.append(_compared(stack, one, full_scale_dn, step))
+        pairing = nearest_pairs(places[:, alike], max(most, 2))
+        block = max(1, _BLOCK_PIXELS // side**2)
+        for part in (pairing.of(slice(k, k + block)) for k in range(0, len(pairing.spot), block)):
+            spot = alike[part.spot]
+            at = places[part.frames, spot[:, None]]
+            cut = Pairs.compared(stack, part, at, widths[spot], side, full_scale_dn, step)
+            found.append(cut)
     if not found:
         return Gain(0.0, np.inf, step)
     slope = _slope(found)
@@ -180,98 +155,6 @@ def _brightest(stack: NDArray[Any], places: Floats) -> Indices:
     return shown[np.argsort(-mean[shown], kind="stable")[:_SPOTS]]
 
 
-def _paired(places: Floats, most: int) -> Indices:
-    """Pairs (P, 2) of frames in which the spot lies nearest, the closest ``most``."""
-    frames = np.flatnonzero(np.isfinite(places).all(axis=1))
-    if len(frames) < 2:
-        return np.zeros((0, 2), np.intp)
-    # Where a spot rests, all frames are as near: a millipixel decides, lest one be in all pairs.
-    at = places[frames] + 1e-3 * np.random.default_rng(0).random((len(frames), 2))
-    found = KDTree(at).query(at, k=2)
-    gap, nearest = np.asarray(found[0]), np.asarray(found[1])
-    pairs, index = np.unique(
-        np.sort(frames[np.stack([np.arange(len(frames)), nearest[:, 1]], axis=1)], axis=1),
-        axis=0,
-        return_index=True,
-    )
-    chosen: Indices = pairs[np.argsort(gap[index, 1], kind="stable")[:most]]
-    return chosen
-
-
-def _compared(stack: NDArray[Any], spot: _Spot, full_scale_dn: float, step: float) -> _Pairs:
-    """Windows of the pairs of one spot."""
-    pairs, at, side = spot.pairs, spot.at, spot.side
-    middle = np.rint(at.mean(axis=1)).astype(np.intp)
-    frames = pairs[:, 0], pairs[:, 1]
-    around = [cut_stamps(stack, k, middle, side // 2 + RING).astype(np.float64) for k in frames]
-    planes = [fit_ring(ring_of(stamps, side), side) for stamps in around]
-    rim = slice(RING - 1, 1 - RING)
-    whole = [stamps[:, rim, rim] for stamps in around]
-    signal = (planes[0].off(whole[0]) + planes[1].off(whole[1])) / 2
-    one, two = (stamps[:, 1:-1, 1:-1] for stamps in whole)
-    top = np.maximum(one, two)
-    missing = ~np.isfinite(signal)
-    signal[missing] = 0.0
-    use = np.isfinite(one - two) & (top < full_scale_dn)
-    # A plateau below full scale is saturation as well, and has no noise.
-    highest = np.nanmax(np.where(use, top, -np.inf), axis=(1, 2), keepdims=True)
-    use &= ((top >= highest).sum(axis=(1, 2), keepdims=True) < _PLATEAU) | (top < highest)
-    if missing.any():
-        use &= ~missing[:, 1:-1, 1:-1]
-    centre = at.mean(axis=1) - middle
-    basis = _explaining(signal, centre, spot.width)
-    slope = (basis[..., 4] ** 2 + basis[..., 5] ** 2) / 4
-    shift = ((at[:, 1] - at[:, 0]) ** 2).sum(axis=1)
-    count = len(pairs)
-    floor = np.maximum(planes[0].scatter ** 2 + planes[1].scatter ** 2, step**2 / 6.0) / 2
-    difference = np.where(use, one - two, 0.0).reshape(count, -1)
-    degree = np.bincount(pairs.ravel())
-    shared = 1.0 + float((degree * (degree - 1)).sum()) / 4.0 / count
-    return _Pairs(
-        difference,
-        signal[:, 1:-1, 1:-1].reshape(count, -1),
-        basis,
-        np.nan_to_num(floor)[:, None],
-        use.reshape(count, -1) & np.isfinite(floor)[:, None],
-        slope * shift[:, None],
-        shared,
-        (planes[0].level + planes[1].level) / 2,
-    )
-
-
-def _explaining(signal: Pixels, centre: Floats, width: float) -> Floats:
-    """What may explain a difference of two windows, from their mean with a margin of one pixel,
-    (P, S, 14).
-    """
-    count, side = len(signal), signal.shape[1] - 2
-    offset = np.arange(side, dtype=np.float64) - side // 2
-    middle = signal[:, 1:-1, 1:-1]
-    left, right = signal[:, 1:-1, :-2], signal[:, 1:-1, 2:]
-    up, down = signal[:, :-2, 1:-1], signal[:, 2:, 1:-1]
-    twist = signal[:, :-2, :-2] - signal[:, :-2, 2:] - signal[:, 2:, :-2] + signal[:, 2:, 2:]
-    x, y = np.moveaxis(
-        Templates.of(
-            side, centre, np.full((count, 2), max(width, 0.3)), np.float64, free=True
-        ).profiles,
-        1,
-        0,
-    )
-    columns = [
-        np.ones_like(middle),
-        middle,
-        np.broadcast_to(offset, middle.shape),
-        np.broadcast_to(offset[:, None], middle.shape),
-        right - left,
-        down - up,
-        right - 2 * middle + left,
-        down - 2 * middle + up,
-        twist,
-        # the template, its slopes by place, and by the logarithm of the width
-        *(y[:, i, :, None] * x[:, j, None, :] for i, j in ((0, 0), (0, 1), (1, 0), (0, 2), (2, 0))),
-    ]
-    return np.stack(columns, axis=-1).reshape(count, side**2, len(columns))
-
-
 @dataclass(frozen=True)
 class _Samples:
     """Samples of the variance of each pixel, and their weights, (P, S)."""
@@ -292,19 +175,24 @@ class _Slope:
     samples: list[_Samples]
 
 
-def _slope(found: list[_Pairs]) -> _Slope:
-    """Regress the variance on the signal, with the weights of the last round."""
+def _slope(found: list[Pairs]) -> _Slope:
+    """Regress the variance on the signal, with the weights of the last round.
+
+    The rounds before, which only tell the weights, make do with some of many pairs.
+    """
     per_dn, left, error = 0.0, 0.0, np.inf
-    for k in range(_ROUNDS):
+    every = 1 if sum(len(pairs.level) for pairs in found) < _MANY else _EVERY
+    few = [pairs.of(slice(None, None, every)) for pairs in found]
+    for k, some in enumerate([few] * (_ROUNDS - 1) + [found]):
         normal, moment, spread = np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2))
-        samples = [_samples(pairs, per_dn, left, first=k == 0) for pairs in found]
-        for pairs, seen in zip(found, samples, strict=True):
-            columns = np.stack([pairs.signal, pairs.shifted], axis=-1)
-            weighted = seen.weight[..., None] * columns
-            part = np.einsum("psi,psj->ij", weighted, columns)
-            normal += part
-            spread += pairs.shared * part
-            moment += np.einsum("psi,ps->i", weighted, seen.square - pairs.floor)
+        samples = [_samples(pairs, per_dn, left, first=k == 0) for pairs in some]
+        for pairs, seen in zip(some, samples, strict=True):
+            columns = np.stack([pairs.signal, pairs.shifted], axis=1)
+            weighted = seen.weight[:, None] * columns
+            part = weighted @ columns.swapaxes(1, 2)
+            normal += part.sum(axis=0)
+            spread += np.tensordot(pairs.shared, part, 1)
+            moment += np.einsum("pis,ps->i", weighted, seen.square - pairs.floor)
         unit = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         inverse = np.linalg.pinv(normal / np.outer(unit, unit), hermitian=True)
         inverse /= np.outer(unit, unit)
@@ -318,7 +206,7 @@ def _slope(found: list[_Pairs]) -> _Slope:
     return _Slope(per_dn, left, error if error > 0 else np.inf, samples)
 
 
-def _curve(found: list[_Pairs], slope: _Slope) -> Transfer:
+def _curve(found: list[Pairs], slope: _Slope) -> Transfer:
     """Mean variance over signal, in bins of as many pixels."""
     signal, square = [], []
     for pairs, seen in zip(found, slope.samples, strict=True):
@@ -337,7 +225,7 @@ def _curve(found: list[_Pairs], slope: _Slope) -> Transfer:
     )
 
 
-def _samples(pairs: _Pairs, per_dn: float, left: float, *, first: bool) -> _Samples:
+def _samples(pairs: Pairs, per_dn: float, left: float, *, first: bool) -> _Samples:
     """Half the squares of what nothing explains of the differences, corrected for leverage.
 
     In the first round the variance is hardly known yet: nothing is cut, all weigh alike.
@@ -345,17 +233,17 @@ def _samples(pairs: _Pairs, per_dn: float, left: float, *, first: bool) -> _Samp
     variance = pairs.floor + np.maximum(per_dn * pairs.signal, 0.0) + left * pairs.shifted
     variance = np.maximum(variance, 1e-30)
     root = np.sqrt(variance)
-    columns = pairs.basis * (pairs.use / root)[..., None]
-    normal = columns.swapaxes(1, 2) @ columns
+    columns = pairs.basis * (pairs.use / root)[:, None]
+    normal = columns @ columns.swapaxes(1, 2)
     length = np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
-    length = np.where(length > 0, length, 1.0)[:, :, None]
-    values, vectors = np.linalg.eigh(normal / (length * length.swapaxes(1, 2)))
-    kept = values > _ALIKE
-    vectors *= (kept / np.sqrt(np.where(kept, values, 1.0)))[:, None, :]
-    across = columns @ (vectors / length)
+    length = np.where(length > 0, length, 1.0)
+    length = length[:, :, None] * length[:, None, :]
+    # Two columns that are alike count as one.
+    inverse = np.linalg.inv(normal / length + _ALIKE * np.eye(normal.shape[1])) / length
+    across = inverse @ columns
     data = pairs.difference / root
-    rest = data - (across @ (across.swapaxes(1, 2) @ data[..., None]))[..., 0]
-    leverage = np.einsum("psk,psk->ps", across, across)
+    rest = data - (((columns @ data[..., None])[..., 0])[:, None] @ across)[:, 0]
+    leverage = np.einsum("pks,pks->ps", across, columns)
     square = rest**2 / (2.0 * np.maximum(1.0 - leverage, 1e-6)) * variance
     use = pairs.use & (leverage < _OWN)
     if not first:

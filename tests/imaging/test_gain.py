@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import losbench as lb
-from losbench.imaging.gain import _paired
 from losbench.imaging.noise import Gain, step_of
+from losbench.imaging.pairs import nearest_pairs
 from losbench.recording.contradiction import contradictions
 
 SHAPE = (60, 120)
@@ -117,15 +117,38 @@ def test_where_frames_do_not_tell_the_error_is_infinite(frames):
 
 
 def test_frames_of_a_spot_at_rest_are_paired_with_each_other_and_not_all_with_one():
-    pairs = _paired(np.zeros((100, 2)), 100)
+    pairs = nearest_pairs(np.zeros((100, 1, 2)), 100).frames
     assert np.bincount(pairs.ravel()).max() <= 5 and len(pairs) > 50
 
 
 def test_every_frame_is_paired_with_its_nearest_once_and_the_closest_come_first():
     places = np.array([[0.0, 0.0], [5.0, 0.0], [0.1, 0.0], [np.nan, 0.0], [5.0, 0.05], [5.0, 0.0]])
-    assert _paired(places, 10).tolist() == [[1, 5], [4, 5], [0, 2]]
-    assert _paired(places, 2).tolist() == [[1, 5], [4, 5]]
-    assert len(_paired(places[:1], 10)) == 0
+    one = places[:, None]
+    assert nearest_pairs(one, 10).frames.tolist() == [[1, 5], [4, 5], [0, 2]]
+    assert nearest_pairs(one, 2).frames.tolist() == [[1, 5], [4, 5]]
+    assert len(nearest_pairs(one[:1], 10).spot) == 0
+
+
+def test_spots_are_paired_as_if_each_were_alone():
+    rng = np.random.default_rng(3)
+    places = rng.normal(0.0, 0.3, (40, 5, 2)) + rng.uniform(0.0, 2.0, (5, 2))
+    places[rng.random((40, 5)) < 0.2] = np.nan
+    places[1:, 2] = np.nan
+    together = nearest_pairs(places, 12)
+    for k in range(5):
+        mine, alone = together.spot == k, nearest_pairs(places[:, k : k + 1], 12)
+        assert together.frames[mine].tolist() == alone.frames.tolist()
+        np.testing.assert_array_equal(together.shared[mine], alone.shared)
+    assert set(together.spot.tolist()) == {0, 1, 3, 4}
+
+
+def test_pairs_that_share_a_frame_tell_less():
+    """Two pairs of three frames: their mean has 1 + 2 / 4 / 2 times the variance."""
+    places = np.array([[[0.0, 0.0]], [[1.0, 0.0]], [[2.1, 0.0]]])
+    assert nearest_pairs(places, 9).frames.tolist() == [[0, 1], [1, 2]]
+    np.testing.assert_allclose(nearest_pairs(places, 9).shared, 1.25)
+    apart = np.array([[[0.0, 0.0]], [[1.0, 0.0]], [[9.0, 0.0]], [[10.1, 0.0]]])
+    np.testing.assert_allclose(nearest_pairs(apart, 9).shared, 1.0)
 
 
 def test_the_step_of_whole_readings_is_seen_in_any_type():
