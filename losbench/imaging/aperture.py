@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Bools, Floats, Indices, Pixels
+from losbench.arrays import Bools, Floats, Indices
 from losbench.imaging.moment import moment_sigma, plane_under
+from losbench.imaging.ownlight import STANDS_OUT, without_hot
 from losbench.imaging.places import evenly
 from losbench.imaging.stamps import cut_stamps
 from losbench.units import SIGMA_PER_MAD
@@ -23,11 +24,8 @@ _FINEST = 40  # pixels of the half, up to which no pixels are averaged
 _FRAMES = 16
 _RING = 4  # pixels
 _ROUNDED = 12  # pixels of the half, beyond which the peak is that of the 3 x 3 mean
-_STANDS_OUT = 5.0  # noises
 _OFF = 1.5  # sigma, within which a start is on its spot
 _LEAKS = 0.05  # of the peak
-_CROSS = 0.3  # part of a real peak that its four neighbours hold
-_NEIGHBOURS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32)
 _FWHM = 2.3548
 
 
@@ -52,7 +50,10 @@ def aperture_sigma(stack: NDArray[Any], frame: Indices, middle: Indices) -> floa
     The aperture grows while nothing stands out in it, while it is darker far away than in the ring
     around it, and while what is above half of the peak is too wide for it. Then `moment_sigma` has
     the width: for a Gaussian to about the bound of Cramer and Rao, noise / (amplitude sigma
-    sqrt(pi)), for another shape that of its second moment.
+    sqrt(pi)), for another shape that of its second moment, without the light of other spots: what
+    is brighter than the other side, beyond a dip. One as wide and at most as bright, five sigma
+    away or more, changes the width by 12 % at most; at three sigma there is no dip between them,
+    and both are one wide spot.
     """
     half, most = _FIRST, max(stack.shape[1:])
     while True:
@@ -101,7 +102,7 @@ class _Aperture:
         if around.any():  # about a plane, so that a gradient is no noise
             spread = np.abs(ring - plane_under(pixels, around)[around])
         noise = float(max(SIGMA_PER_MAD * np.median(spread), spread.mean() / 3.0))
-        signal = _without_hot(np.where(seen, pixels - level, 0.0).astype(np.float32), noise)
+        signal = without_hot(np.where(seen, pixels - level, 0.0).astype(np.float32), noise)
         told = cv2.blur(signal, (3, 3)) if reach > _ROUNDED else signal
         near = np.where(away <= reach, told, -np.inf)
         top = np.unravel_index(near.argmax(), near.shape)
@@ -109,7 +110,7 @@ class _Aperture:
         _, groups = cv2.connectedComponents((near > peak / 2).astype(np.uint8), connectivity=4)
         error = 1.25 * noise * np.sqrt(1.0 / ring.size + 1.0 / max(far.size, 1))
         step_down = level - float(np.median(far)) if far.size else 0.0
-        darker = step_down > max(_LEAKS * peak, _STANDS_OUT * error)
+        darker = step_down > max(_LEAKS * peak, STANDS_OUT * error)
         core = (groups == groups[top]) & (near > peak / 2)
         return cls(
             signal.astype(np.float64), size, reach, noise, peak, float(away[top]), core, darker
@@ -118,7 +119,7 @@ class _Aperture:
     @property
     def stands_out(self) -> bool:
         """Whether there is a spot."""
-        return self.peak > _STANDS_OUT * self.noise / (3.0 if self.half > _ROUNDED else 1.0)
+        return self.peak > STANDS_OUT * self.noise / (3.0 if self.half > _ROUNDED else 1.0)
 
     @property
     def sigma(self) -> float:
@@ -162,17 +163,3 @@ def _around(
         pixels = squares.mean(axis=(1, 3), dtype=np.float64)
         x, y = ((at + (size - 1) / 2 - c) / size for at, c in ((x, column), (y, row)))
     return pixels, np.maximum(np.abs(y)[:, None], np.abs(x))
-
-
-def _without_hot(signal: Pixels, noise: float) -> Pixels:
-    """Replace pixels that stand out of their 3 x 3 median, unless their neighbours share their
-    light.
-    """
-    import cv2
-
-    median = cv2.medianBlur(signal, 3)
-    hot = signal > 2.0 * np.maximum(median, 0.0) + _STANDS_OUT * noise
-    if hot.any():
-        cross = cv2.filter2D(signal, -1, _NEIGHBOURS)
-        hot &= cross < _CROSS * signal
-    return np.where(hot, median, signal)

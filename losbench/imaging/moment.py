@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import erf
 
 from losbench.arrays import Bools, Floats
+from losbench.imaging.ownlight import STANDS_OUT, without_others
 from losbench.units import SIGMA_PER_MAD
 
 __all__ = ["moment_sigma", "plane_under"]
@@ -19,6 +20,7 @@ _BRIGHT = 20.0  # errors of the flux, for a second moment to tell
 _ROUNDS = 12
 _SETTLED = 0.02  # of a width
 _LONG = 1.2  # ratio of the axes from which on a spot is not round
+_LEAKS = 0.05  # of the peak, what is brighter than the other side
 _LEAST = 0.04  # pixels squared
 _ALIKE = 3.0  # errors of a moment, within which a spot is taken for a Gaussian
 
@@ -34,9 +36,10 @@ def moment_sigma(signal: Floats, noise: float, core: Bools, first: float) -> flo
     row, column = np.nonzero(core)
     centre, sigma = np.array([column.mean(), row.mean()]), np.array([first, first])
     error = np.full(2, np.inf)
+    least = max(_LEAKS * float(signal[core].max()), np.sqrt(2.0) * STANDS_OUT * noise)
     for _ in range(_ROUNDS):
         half = max(int(np.rint(3.0 * sigma.max())), 1)
-        seen = _Light.around(signal, centre, half)
+        seen = _Light.around(signal, centre, half).alone(centre, least, noise)
         flux = float(seen.light.sum())
         if flux < _BRIGHT * noise * np.sqrt(seen.light.size):
             error, sigma = np.full(2, np.inf), np.array([first, first])
@@ -85,6 +88,11 @@ class _Light:
         light = signal[window] - plane_under(signal[beyond], ring)[inner]
         y, x = (np.arange(part.start, part.stop, dtype=np.float64) for part in window)
         return cls(light, x, y, int(ring.sum()))
+
+    def alone(self, centre: Floats, least: float, noise: float) -> _Light:
+        """Without what other spots add to that at the centre."""
+        corner = np.array([self.x[0], self.y[0]])
+        return replace(self, light=without_others(self.light, centre - corner, least, noise))
 
 
 def _long_arm(square: Floats, seen: _Light) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.imaging import moment
 from losbench.imaging.aperture import aperture_sigma
 from losbench.imaging.moment import _kept_variance
 from losbench.imaging.sizes import default_window, spot_sigma
@@ -91,6 +92,38 @@ def test_a_neighbour_changes_little(share, away):
     turn = np.array([np.cos(0.7), np.sin(0.7)])
     other = lb.render_spots(xy + away * turn, share * 100 * 8 * np.pi, 2.0, image.shape)
     assert spot_sigma(image + other, xy) == pytest.approx(2.0, rel=0.1)
+
+
+def beside(sigma, share, away, seed):
+    """A spot of 100 noises with another so many sigma away."""
+    image, xy = spot(sigma, 100.0, seed)
+    turn = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)
+    other = xy + away * sigma * np.array([np.cos(turn), np.sin(turn)])
+    return image + lb.render_spots(other, share * 200 * np.pi * sigma**2, sigma, image.shape), xy
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+@pytest.mark.parametrize("sigma", [1.0, 1.5, 2.0, 3.0])
+def test_a_neighbour_at_five_sigma_is_told_by_the_dip_and_one_at_three_is_not(sigma, share):
+    found = {
+        away: [spot_sigma(*beside(sigma, share, away, 8800 + k)) / sigma for k in range(24)]
+        for away in (3.0, 5.0, 6.0, 8.0)
+    }
+    assert np.median(found[3.0]) > 1.4
+    for away in (5.0, 6.0, 8.0):
+        assert np.median(found[away]) == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_tail_is_light_of_the_spot_itself(monkeypatch):
+    """Brighter than the other side, but without a dip before it."""
+    image, xy = spot(1.5, 100.0, 7)
+    for k, share in enumerate((0.6, 0.35, 0.2), 1):
+        width = 1.5 + 0.5 * k
+        flux = share * 200 * np.pi * width**2
+        image = image + lb.render_spots(xy + np.array([2.0 * k, 0.0]), flux, width, image.shape)
+    found = spot_sigma(image, xy)
+    monkeypatch.setattr(moment, "without_others", lambda light, *_: light)
+    assert found == spot_sigma(image, xy) > 2.8
 
 
 def test_a_gradient_a_corner_and_frames_that_move_change_little():

@@ -451,6 +451,26 @@ def test_kepler_pixel_files_give_the_mission_s_own_shifts(real_data):
         assert error.std() < 5e-3, stamp.name
 
 
+def test_kepler_stars_and_what_they_share_move_as_the_mission_says(real_data):
+    """Median star to 0.2 millipixel, the middle of the field by a robust solve to 0.12."""
+    fits = pytest.importorskip("astropy.io.fits")
+    folder = real_data("kepler-q12")
+    camera = lb.Camera(focal_mm=1399.0, pixel_um=27.0, shape=(1044, 1132))
+    xy = lb.measure(recording := lb.read_recording(folder), camera, reference=10).xy_px
+    mission = []
+    for stamp in recording.stamps:
+        table = fits.getdata(folder / f"{stamp.name}.fits", 1)
+        mission.append(np.stack([table["POS_CORR1"], table["POS_CORR2"]], axis=-1))
+    mission = np.stack(mission, axis=1) - np.mean(mission, axis=1)
+    shifts = xy - xy.mean(axis=0)
+    assert np.median(np.sqrt(np.mean((shifts - mission) ** 2, axis=(0, 2)))) < 0.2e-3
+    points = camera.points_mm(xy.mean(axis=0))
+    angles = lb.solve_attitude(points, 0.027 * shifts, solver=lb.IRLS(max_iter=500)).angles
+    rows = lb.design_matrix(points).reshape(8, 2, 3).mean(axis=0)
+    error = angles @ rows.T / 0.027 - mission.mean(axis=1)
+    assert np.sqrt(np.mean(error**2)) < 0.12e-3
+
+
 @pytest.mark.parametrize("method", [lb.Weighted(), lb.EIWA()], ids=["weighted", "eiwa"])
 def test_what_holds_for_a_recording_does_not_depend_on_its_blocks(method):
     """Spots that grow wider halfway: one window and one width, whatever is in memory at a time."""
