@@ -12,8 +12,8 @@ from losbench.arrays import Bools, Indices, Pixels
 from losbench.imaging.flags import Cut, judged
 from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
 from losbench.imaging.results import Measured, SpotFlag
-from losbench.imaging.scrutiny import OF_PEAK, SURE, Looked, asks, look_into, lopsided, mean_of_nine
-from losbench.imaging.stamps import RING, cut_stamps, ring_places
+from losbench.imaging.scrutiny import OF_PEAK, Looked, asks, look_into, lopsided, may_be_lopsided
+from losbench.imaging.stamps import RING, cut_stamps
 
 __all__ = ["Scene", "look_again"]
 
@@ -48,7 +48,9 @@ def look_again(
     asking = settled & asks(windows, fit)
     rest = np.flatnonzero(settled & outlying & ~asking)
     if rest.size:
-        asking[rest[_bright_ring(scene, cut, windows.middle[rest], rest)]] = True
+        stamps = _stamps(scene, cut, windows.middle[rest], rest)
+        centre, noise = fit.centroid[rest], cut.noise.of(rest)
+        asking[rest[may_be_lopsided(stamps, windows.side, centre, noise)]] = True
     some = np.flatnonzero(asking)
     if not some.size:
         return
@@ -69,23 +71,6 @@ def look_again(
         result.put(where, cleaned)
     crowded = _crowded(scene, cut, part, looked, some)
     result.flags[some[crowded]] |= SpotFlag.NEIGHBOUR
-
-
-def _bright_ring(scene: Scene, cut: Cut, middle: Indices, some: Indices) -> Bools:
-    """Whether the ring of some windows may show light of another spot: a cheap look.
-
-    What `lopsided` flags there is a difference of two means of 3 x 3 pixels, one of which must then
-    be half as much; a single pixel that stands out seldom makes one.
-    """
-    mean = np.abs(mean_of_nine(np.nan_to_num(_stamps(scene, cut, middle, some))))
-    height, floor = (cut.peak - cut.plane.level)[some], cut.noise.floor[some]
-    x, y = ring_places(scene.ring)
-    half = mean.shape[1] // 2
-    inside = np.maximum(np.abs(x), np.abs(y)) < half
-    ring = mean[:, y[inside] + half, x[inside] + half]
-    least = np.maximum(SURE * np.sqrt(2.0 * np.maximum(floor, 0.0) / 9.0), OF_PEAK * height)
-    shown: Bools = ring.max(axis=1) > 0.5 * least
-    return shown
 
 
 def _crowded(scene: Scene, cut: Cut, part: Windows, looked: Looked, some: Indices) -> Bools:

@@ -147,11 +147,11 @@ class Engine:
         gate = self.method.hot_pixel_gate
         # One pixel for the window to move in, and one more where the gate looks at neighbours.
         rim = reach - self.window // 2 - (2 if gate else 1)
-        raw = stamps[:, rim:-rim, rim:-rim]
+        raw = np.ascontiguousarray(stamps[:, rim:-rim, rim:-rim])
         signal = plane.off(raw)
-        absent = np.isnan(raw)
-        missing = absent if absent.any() else None
-        if missing is not None:
+        missing = None
+        if np.isnan(stamps.max(initial=-np.inf)) and np.isnan(raw).any():
+            missing = np.isnan(raw)
             signal[missing] = 0.0
         if gate:
             signal = gate_hot_pixels(signal, np.nan_to_num(plane.scatter))[:, 1:-1, 1:-1]

@@ -19,18 +19,17 @@ from losbench.units import SIGMA_PER_MAD
 
 __all__ = [
     "OF_PEAK",
-    "SURE",
     "UNEXPLAINED",
     "Looked",
     "asks",
     "look_into",
     "lopsided",
-    "mean_of_nine",
+    "may_be_lopsided",
     "unexplained",
 ]
 
 
-SURE = 5.5  # errors: one false pixel in some 10 000 windows
+_SURE = 5.5  # errors: one false pixel in some 10 000 windows
 _SURE_OF_UNKNOWN = 6.0  # where the shot noise is not known
 _MODEL = 0.03  # of its light that a template may be wrong by in every pixel
 _TURNED = 0.06  # of light, by which it is wrong between pixels
@@ -102,7 +101,7 @@ def look_into(windows: Windows) -> Looked:
     looking = np.arange(len(kept))
     for _ in range(_ROUNDS):
         rest = _rest(windows.of(looking), fit.of(looking)) * first[looking]
-        much = (np.abs(rest * kept[looking]) > SURE).any(axis=(1, 2))
+        much = (np.abs(rest * kept[looking]) > _SURE).any(axis=(1, 2))
         looking, rest = looking[much], rest[much]
         if not looking.size:
             break
@@ -151,38 +150,43 @@ def lopsided(stamps: Pixels, kept: Pixels, windows: Windows, fit: TemplateFit) -
     itself turned by 180 degrees about the spot: the mean of 3 x 3 pixels beyond 1.5 sigma by 5.5
     errors and 2 % of the peak, unless one pixel holds 70 % of it.
     """
-    import cv2
-
     size = stamps.shape[1]
     at = Templates.of(size, fit.centre, fit.width, stamps.dtype, free=False)
     model = at.light * fit.flux.astype(stamps.dtype)[:, None, None]
-    rest = (stamps - model) * kept
-    apart = rest - _turned(rest, fit.centre)
-    apart *= kept * (_turned(kept, fit.centre) > 0.99)
-    highest = cv2.dilate(_tall(apart), np.ones((3, 3), np.uint8)).reshape(apart.shape)
-    mean = mean_of_nine(apart)
-    noise = windows.noise
-    variance = noise.floor[:, None, None] + noise.per_dn * np.maximum(model, 0.0)
-    error = np.sqrt(2.0 * np.maximum(variance, 0.0) / 9.0)
+    variance = windows.noise.floor[:, None, None] + windows.noise.per_dn * np.maximum(model, 0.0)
     offset = np.arange(size) - size // 2
     arms = (offset - fit.centre[:, :, None]) / fit.width[:, :, None]
     far = arms[:, 1, :, None] ** 2 + arms[:, 0, None, :] ** 2 > _OUTSIDE**2
     peak = model.max(axis=(1, 2), keepdims=True)
-    more = (mean > SURE * error) & (mean > OF_PEAK * peak) & (highest < _LONE * 9.0 * mean) & far
-    return more[:, 1:-1, 1:-1].any(axis=(1, 2))
+    more = _one_sided((stamps - model) * kept, kept, fit.centre, variance, peak)
+    return (more & far)[:, 1:-1, 1:-1].any(axis=(1, 2))
 
 
-def mean_of_nine(images: Pixels) -> Pixels:
-    """Means of 3 x 3 pixels of images (M, S, S), of no use in the outermost."""
+def may_be_lopsided(stamps: Pixels, side: int, centre: Floats, noise: PixelNoise) -> Bools:
+    """Whether that may be so beyond the middle of windows of ``side`` pixels (M,): a look without
+    a template, at four fifths of what `lopsided` asks for.
+    """
+    edge = np.abs(np.arange(stamps.shape[1]) - stamps.shape[1] // 2)
+    far = np.maximum(edge[:, None], edge) > side // 4
+    kept, light = np.isfinite(stamps).astype(stamps.dtype), np.nan_to_num(stamps)
+    variance = noise.floor[:, None, None] + noise.per_dn * np.maximum(light, 0.0)
+    peak = light.max(axis=(1, 2), keepdims=True)
+    more = _one_sided(light, kept, centre, 0.64 * variance, 0.8 * peak)
+    return (more & far)[:, 1:-1, 1:-1].any(axis=(1, 2))
+
+
+def _one_sided(rest: Pixels, kept: Pixels, centre: Floats, variance: Floats, peak: Floats) -> Bools:
+    """Where the mean of 3 x 3 pixels, minus that on the other side, is light (M, T, T)."""
     import cv2
 
-    mean: Pixels = cv2.blur(_tall(images), (3, 3)).reshape(images.shape)
-    return mean
-
-
-def _tall(images: Pixels) -> Pixels:
-    """Images below each other, for one call of OpenCV."""
-    return np.ascontiguousarray(images.reshape(-1, images.shape[2]), dtype=np.float32)
+    apart = rest - _turned(rest, centre)
+    apart *= kept * (_turned(kept, centre) > 0.99)
+    tall = np.ascontiguousarray(apart.reshape(-1, apart.shape[2]), dtype=np.float32)
+    mean = cv2.blur(tall, (3, 3)).reshape(apart.shape)
+    highest = cv2.dilate(tall, np.ones((3, 3), np.uint8)).reshape(apart.shape)
+    error = np.sqrt(2.0 * np.maximum(variance, 0.0) / 9.0)
+    more: Bools = (mean > _SURE * error) & (mean > OF_PEAK * peak) & (highest < _LONE * 9.0 * mean)
+    return more
 
 
 def _turned(images: Pixels, centre: Floats) -> Pixels:
@@ -199,7 +203,7 @@ def _turned(images: Pixels, centre: Floats) -> Pixels:
 
 
 def _sure(noise: PixelNoise) -> float:
-    return SURE if noise.per_dn else _SURE_OF_UNKNOWN
+    return _SURE if noise.per_dn else _SURE_OF_UNKNOWN
 
 
 def _model(windows: Windows, fit: TemplateFit, margin: int) -> Pixels:
@@ -250,7 +254,7 @@ def _singles(rest: Pixels) -> Bools:
     worst = apart[:, 1:-1, 1:-1].max(axis=(1, 2))
     # Light of another spot is less pointed: its third brightest pixel is nearly as bright.
     third = np.where(rest > 0, ranked[..., -3], -ranked[..., 2])
-    found: Bools = apart > np.maximum(SURE, 0.5 * worst)[:, None, None]
+    found: Bools = apart > np.maximum(_SURE, 0.5 * worst)[:, None, None]
     return found & (np.abs(rest) > _POINTED * third)
 
 
