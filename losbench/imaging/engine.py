@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from losbench.arrays import Floats, Indices
 from losbench.checks import integer, number
 from losbench.imaging.background import Background
-from losbench.imaging.cleaning import Scene, look_again
+from losbench.imaging.cleaning import Scene, captured, look_again
 from losbench.imaging.detector import Detector
 from losbench.imaging.flags import Cut, judged
 from losbench.imaging.hotpixels import gate_hot_pixels
@@ -117,13 +117,18 @@ class Engine:
         nearest = middle + np.rint(moved).astype(np.intp)
         strayed = np.abs(nearest - start).max(axis=1) > self.window / 2
         result.flags[strayed] |= SpotFlag.NOT_CONVERGED
+        if strayed.any():
+            path = start[strayed], moved[strayed] + middle[strayed]
+            away = captured(stack, frame[strayed], *path, cut.noise.of(strayed))
+            result.flags[np.flatnonzero(strayed)[away]] |= SpotFlag.NEIGHBOUR
         inside = ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=1)
         again = (np.abs(moved).max(axis=1) > _OFF_CENTRE) & ~strayed & inside
         if not self.background.tilts:
             again &= ~fit.converged
+        again &= recuts > 0
         scene = Scene(stack, frame, self.method, self.ring)
         look_again(scene, cut, windows, fit, result, ~again)
-        if recuts and again.any():
+        if again.any():
             redone = self.measure(
                 stack,
                 frame[again],

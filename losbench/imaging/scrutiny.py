@@ -12,19 +12,17 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from losbench.arrays import Bools, Floats, Ints, Pixels
 from losbench.imaging.columns import Templates
+from losbench.imaging.neighbours import turned
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.template import TemplateFit, fit_template
 from losbench.units import SIGMA_PER_MAD
 
 __all__ = [
-    "OF_PEAK",
     "UNEXPLAINED",
     "Looked",
     "asks",
     "look_into",
-    "lopsided",
-    "may_be_lopsided",
     "unexplained",
 ]
 
@@ -41,21 +39,20 @@ _LINE = 22.0  # errors of the mean of a row
 _LINE_SCATTERS = 4.0
 _MOST = 0.15  # of a window's pixels; where more stand out, it is the shape
 UNEXPLAINED = 0.3  # of the light; beyond it a template tells nothing of pixels
-OF_PEAK = 0.02  # of light on one side only
-_OUTSIDE = 1.5  # sigma of the spot
-_LONE = 0.7  # of the light of 3 x 3 pixels in one of them
 
 
 @dataclass(frozen=True)
 class Looked:
     """Windows that were looked into: the pixels to keep and the rows and columns that were left out
-    (M, S + 2, S + 2), how many pixels stood out (M,), and the template fitted to the others.
+    (M, S + 2, S + 2), how many pixels stood out (M,), the template fitted to the others, and
+    whether it tells anything of them.
     """
 
     kept: Pixels
     lines: Bools
     n_bad: Ints
     fit: TemplateFit
+    fits: Bools
 
 
 def asks(windows: Windows, found: Estimate) -> Bools:
@@ -68,7 +65,7 @@ def asks(windows: Windows, found: Estimate) -> Bools:
         light *= found.flux.astype(light.dtype)[:, None, None]
         rest, share, times = pixels - light, _MODEL, 1.0
     else:
-        light = _turned(pixels, np.where(np.isfinite(found.centroid), found.centroid, 0.0))
+        light = turned(pixels, np.where(np.isfinite(found.centroid), found.centroid, 0.0))
         rest, share, times = pixels - light, _TURNED, 2.0
         np.maximum(light, pixels, out=light)
     rest *= rest
@@ -122,11 +119,11 @@ def look_into(windows: Windows) -> Looked:
         kept[doubtful] = first[doubtful]
     inner = (slice(None), slice(1, -1), slice(1, -1))
     singles = ((first > kept) & ~lines)[inner].mean(axis=(1, 2))
-    shape: Bools = ~fit.converged | (singles > _MOST)
-    shape |= unexplained(windows, fit, kept) > UNEXPLAINED
+    fits: Bools = fit.converged & (unexplained(windows, fit, kept) <= UNEXPLAINED)
+    shape = ~fits | (singles > _MOST)
     kept[shape], lines[shape] = first[shape], False
     n_bad = ((first > kept)[inner]).sum(axis=(1, 2), dtype=np.int64)
-    return Looked(kept, lines, n_bad, fit)
+    return Looked(kept, lines, n_bad, fit, fits)
 
 
 def unexplained(windows: Windows, fit: TemplateFit, kept: Pixels | None = None) -> Floats:
@@ -141,65 +138,6 @@ def unexplained(windows: Windows, fit: TemplateFit, kept: Pixels | None = None) 
     light = (model**2 * weight).sum(axis=(1, 2), dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.nan_to_num(np.sqrt(np.maximum(excess, 0.0) / light), nan=np.inf)
-
-
-def lopsided(stamps: Pixels, kept: Pixels, windows: Windows, fit: TemplateFit) -> Bools:
-    """Whether light stands on one side of M spots that is not on the other (M,).
-
-    Stamps (M, T, T) without background hold window and ring. What the template leaves over, minus
-    itself turned by 180 degrees about the spot: the mean of 3 x 3 pixels beyond 1.5 sigma by 5.5
-    errors and 2 % of the peak, unless one pixel holds 70 % of it.
-    """
-    size = stamps.shape[1]
-    at = Templates.of(size, fit.centre, fit.width, stamps.dtype, free=False)
-    model = at.light * fit.flux.astype(stamps.dtype)[:, None, None]
-    variance = windows.noise.floor[:, None, None] + windows.noise.per_dn * np.maximum(model, 0.0)
-    offset = np.arange(size) - size // 2
-    arms = (offset - fit.centre[:, :, None]) / fit.width[:, :, None]
-    far = arms[:, 1, :, None] ** 2 + arms[:, 0, None, :] ** 2 > _OUTSIDE**2
-    peak = model.max(axis=(1, 2), keepdims=True)
-    more = _one_sided((stamps - model) * kept, kept, fit.centre, variance, peak)
-    return (more & far)[:, 1:-1, 1:-1].any(axis=(1, 2))
-
-
-def may_be_lopsided(stamps: Pixels, side: int, centre: Floats, noise: PixelNoise) -> Bools:
-    """Whether that may be so beyond the middle of windows of ``side`` pixels (M,): a look without
-    a template, at four fifths of what `lopsided` asks for.
-    """
-    edge = np.abs(np.arange(stamps.shape[1]) - stamps.shape[1] // 2)
-    far = np.maximum(edge[:, None], edge) > side // 4
-    kept, light = np.isfinite(stamps).astype(stamps.dtype), np.nan_to_num(stamps)
-    variance = noise.floor[:, None, None] + noise.per_dn * np.maximum(light, 0.0)
-    peak = light.max(axis=(1, 2), keepdims=True)
-    more = _one_sided(light, kept, centre, 0.64 * variance, 0.8 * peak)
-    return (more & far)[:, 1:-1, 1:-1].any(axis=(1, 2))
-
-
-def _one_sided(rest: Pixels, kept: Pixels, centre: Floats, variance: Floats, peak: Floats) -> Bools:
-    """Where the mean of 3 x 3 pixels, minus that on the other side, is light (M, T, T)."""
-    import cv2
-
-    apart = rest - _turned(rest, centre)
-    apart *= kept * (_turned(kept, centre) > 0.99)
-    tall = np.ascontiguousarray(apart.reshape(-1, apart.shape[2]), dtype=np.float32)
-    mean = cv2.blur(tall, (3, 3)).reshape(apart.shape)
-    highest = cv2.dilate(tall, np.ones((3, 3), np.uint8)).reshape(apart.shape)
-    error = np.sqrt(2.0 * np.maximum(variance, 0.0) / 9.0)
-    more: Bools = (mean > _SURE * error) & (mean > OF_PEAK * peak) & (highest < _LONE * 9.0 * mean)
-    return more
-
-
-def _turned(images: Pixels, centre: Floats) -> Pixels:
-    """Images turned by 180 degrees about their centres, linearly between pixels."""
-    size = images.shape[1]
-    both = np.arange(2 * size - 1, dtype=images.dtype) - 2 * (size // 2)
-    share = np.abs((2.0 * centre).astype(images.dtype)[:, :, None] - both)
-    np.subtract(1.0, share, out=share)
-    np.maximum(share, 0.0, out=share)
-    # What a pixel gives to another depends on the sum of their offsets alone.
-    share = np.ascontiguousarray(sliding_window_view(share, size, axis=2))
-    turned: Pixels = share[:, 1] @ images @ share[:, 0]
-    return turned
 
 
 def _sure(noise: PixelNoise) -> float:

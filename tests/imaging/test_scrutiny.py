@@ -102,17 +102,66 @@ def test_wings_of_a_moffat_are_no_bad_pixels(beta):
         assert share(found, lb.SpotFlag.NEIGHBOUR) < 0.005
 
 
-@pytest.mark.parametrize(
-    "also", [(0.03, 6), (0.03, 7), (0.1, 5), (0.3, 4), (0.3, 7), (1.0, 11), (3.0, 6), (10.0, 7)]
-)
+FAINTER = [(0.03, 6), (0.03, 7), (0.1, 5), (0.3, 4), (0.3, 7), (0.3, 9)]
+ALIKE = [(1.0, 6.5), (1.0, 7), (1.0, 8), (1.0, 9), (1.0, 11)]
+CAPTURING = [(3.0, 4), (3.0, 6), (3.0, 8), (3.0, 9), (3.0, 11), (10.0, 4), (10.0, 7), (10.0, 11)]
+
+
+@pytest.mark.parametrize("also", [*FAINTER, *ALIKE, *CAPTURING])
 @pytest.mark.parametrize("method", [*METHODS, lb.EIWA(13)], ids=["weighted", "likely", "eiwa"])
 def test_light_of_another_spot_is_flagged_and_not_masked(method, also):
-    """Fainter ones beside the spot, and brighter ones that have captured it."""
+    """Fainter ones beside the spot, and brighter ones that have captured it, or half of it."""
     image, xy = frames(also=also)
     # The other spot is elsewhere in every frame, which pairs of frames would take for noise.
     found = lb.centroid(image, np.rint(xy), method=method, detector=lb.Gain(0.0, 0.0))
     least = 0.8 if isinstance(method, lb.EIWA) and also[0] == 0.03 else 0.98
     assert share(found, lb.SpotFlag.NEIGHBOUR) > least
+
+
+@pytest.mark.parametrize("method", [*METHODS, lb.EIWA(13)], ids=["weighted", "likely", "eiwa"])
+def test_what_looks_like_one_spot_is_not_told_to_be_two(method):
+    """The limits that `centroid` states: 3 % of the light two sigma away, and as bright a one there;
+    a template of common width then does not fit.
+    """
+    for also in ((0.03, 4), (1.0, 4)):
+        image, xy = frames(also=also)
+        found = lb.centroid(image, np.rint(xy), method=method, detector=lb.Gain(0.0, 0.0))
+        assert share(found, lb.SpotFlag.NEIGHBOUR) < 0.1
+        if isinstance(method, lb.Weighted):
+            assert share(found, lb.SpotFlag.MISFIT) == (1.0 if also[0] == 1.0 else 0.0)
+
+
+@pytest.mark.parametrize("method", [*METHODS, lb.EIWA(13)], ids=["weighted", "likely", "eiwa"])
+def test_a_start_far_off_a_spot_that_stands_alone_makes_no_neighbour(method):
+    image, xy = frames(60)
+    found = lb.centroid(image, np.rint(xy) + np.array([8.0, 0.0]), method=method)
+    assert share(found, lb.SpotFlag.NOT_CONVERGED) == 1.0
+    assert share(found, lb.SpotFlag.NEIGHBOUR) == 0.0
+
+
+SHAPES = {
+    "ring": lambda r, _: np.exp(-0.5 * ((r - 5.0) / 0.8) ** 2),
+    "uneven ring": lambda r, turn: (
+        (1.0 + 0.2 * np.cos(2.0 * turn)) * np.exp(-0.5 * ((r - 5.0) / 0.8) ** 2)
+    ),
+    "disc": lambda r, _: 1.0 * (r < 5.0),
+    "annulus": lambda r, _: 1.0 * ((r > 2.5) & (r < 6.0)),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("kind", [lb.Weighted, lb.Likelihood, lb.EIWA])
+def test_a_shape_that_is_no_gaussian_has_no_neighbour(kind, shape):
+    """Dark in the middle as between two tops, and badly fitted, but alike on both sides."""
+    rng = np.random.default_rng(2)
+    fine = (np.arange(5 * SIDE) + 0.5) / 5 - 0.5
+    xy = SIDE // 2 + rng.uniform(-0.5, 0.5, (200, 1, 2))
+    x, y = fine - xy[..., :1], fine[:, None] - xy[..., 1:]
+    light = 1000.0 * SHAPES[shape](np.hypot(x, y), np.arctan2(y, x))
+    image = light.reshape(200, SIDE, 5, SIDE, 5).mean(axis=(2, 4))
+    image = (image + rng.normal(100.0, 3.0, image.shape)).astype(np.float32)
+    found = lb.centroid(image, np.rint(xy), method=kind(window=21), detector=lb.Gain(0.0, 0.0))
+    assert share(found, lb.SpotFlag.NEIGHBOUR) < 0.005
 
 
 @pytest.mark.parametrize("peak", [0.9, 1.5, 4.0])
