@@ -1,6 +1,8 @@
 """The steps of the gain, one by one: which spots and pairs tell, what explains a difference, and the
 regression, against loops, least squares and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -187,7 +189,8 @@ def test_what_was_not_read_in_either_frame_or_beside_it_is_left_out():
     found = pair_of(frames)
     use = found.use.reshape(9, 9)
     assert np.argwhere(~use).tolist() == [[3, 5], [7, 1]]
-    assert np.isfinite(found.basis).all() and np.isfinite(found.signal).all()
+    assert np.isfinite(found.basis).all()
+    assert found.signal[0].reshape(9, 9)[[3, 7], [5, 1]].tolist() == [0.0, 0.0]
     frames[:, :12], frames[:, 29:], frames[:, :, :12], frames[:, :, 29:] = [np.nan] * 4
     frames[:, 12:16], frames[:, 25:], frames[:, :, 12:16], frames[:, :, 25:] = [np.nan] * 4
     assert not pair_of(frames).use.any()  # no ring tells the floor
@@ -200,6 +203,12 @@ def test_gradient_squared_times_shift_squared_is_what_a_shift_may_leave():
     rows, columns = np.gradient(frames.mean(axis=0))
     square = (rows**2 + columns**2)[16:25, 16:25].ravel() * (0.3**2 + 0.4**2)
     np.testing.assert_allclose(found.shifted[0], square, rtol=0.02, atol=0.02 * square.max())
+
+
+def test_the_template_of_a_pair_stands_between_its_two_places():
+    found = pair_of(noisy(), ((20.5, 19.6), (20.1, 19.8)))
+    expected = lb.render_spots([[4.3, 3.7]], 1.0, 1.5, (9, 9))
+    np.testing.assert_allclose(found.basis[0, :, 9].reshape(9, 9), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -292,6 +301,21 @@ def test_samples_are_squares_of_what_weighted_least_squares_leaves(first):
         np.testing.assert_allclose(found.weight[p], np.where(told, weight, 0.0), rtol=1e-6)
 
 
+def test_columns_that_differ_by_a_thousandth_are_two_in_any_unit():
+    basis = RNG.normal(0.0, 1.0, (1, 40, 3))
+    basis[0, :, 1] = basis[0, :, 0] + 1e-3 * basis[0, :, 1]
+    pairs = pairs_with(basis)
+    variance = pairs.floor[0] + 0.3 * np.maximum(pairs.signal[0], 0.0)
+    columns = basis[0] / np.sqrt(variance)[:, None]
+    data = pairs.difference[0] / np.sqrt(variance)
+    rest = data - columns @ np.linalg.lstsq(columns, data, rcond=None)[0]
+    leverage = np.diag(columns @ np.linalg.pinv(columns))
+    for unit in (1.0, 1e-7, 1e7):
+        found = _samples(replace(pairs, basis=unit * basis), 0.3, 0.0, first=True)
+        square = rest**2 / (2.0 * (1.0 - leverage)) * variance
+        np.testing.assert_allclose(found.square[0], square, rtol=1e-4)
+
+
 @pytest.mark.parametrize(("leverage", "told"), [(0.69, True), (0.71, False)])
 def test_a_pixel_that_is_seven_tenths_of_its_own_explanation_tells_nothing(leverage, told):
     basis = np.full((1, 30, 1), np.sqrt((1.0 - leverage) / 29))
@@ -379,13 +403,13 @@ def test_nothing_is_cut_in_the_first_of_three_rounds(monkeypatch):
     rounds = []
 
     def samples(pairs, per_dn, left, *, first):
-        rounds.append((first, per_dn))
+        rounds.append((first, per_dn, left))
         return _samples(pairs, per_dn, left, first=first)
 
     monkeypatch.setattr(gain, "_samples", samples)
     _slope([on_a_line(0.5, 0.0)[0]])
-    assert [first for first, _ in rounds] == [True, False, False]
-    assert rounds[0][1] == 0.0 and rounds[1][1] == pytest.approx(0.5)
+    assert [first for first, *_ in rounds] == [True, False, False]
+    assert rounds[0] == (True, 0.0, 0.0) and rounds[1][1] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("pixels", "bins"), [(60, 12), (7, 7)])
@@ -406,6 +430,10 @@ def test_the_curve_has_twelve_bins_of_as_many_pixels(pixels, bins):
     np.testing.assert_allclose(curve.error_dn2 / curve.variance_dn2, share)
     assert curve.floor_dn2 == np.median(pairs.floor)
     assert curve.level_dn == np.median(pairs.level)
+
+
+def test_two_frames_of_a_spot_are_one_pair():
+    assert gain._paired(np.zeros((2, 2)), 9).tolist() == [[0, 1]]
 
 
 # Options

@@ -163,8 +163,10 @@ def test_a_pixel_stands_out_by_5_5_errors(sign, place):
 def test_a_pixel_stands_out_half_as_much_as_the_worst_of_the_window(share, out):
     rest = rest_with(((3, 3), 40.0), ((10, 10), share * 40.0))
     assert stands_out(rest, 3, 3) and stands_out(rest, 10, 10) == out
-    outside = rest_with(((0, 3), 1e3), ((10, 10), 20.0))  # of the margin none is the worst
-    assert stands_out(outside, 10, 10)
+    for margin in ((0, 3), (14, 3), (3, 0), (3, 14)):  # none of it is the worst
+        assert stands_out(rest_with((margin, 1e3), ((10, 10), 20.0)), 10, 10)
+    for inner in ((1, 3), (13, 3), (3, 1), (3, 13)):
+        assert not stands_out(rest_with((inner, 1e3), ((10, 10), 20.0)), 10, 10)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -173,6 +175,9 @@ def test_what_all_nine_neighbours_leave_over_is_the_shape(sign):
     for errors, out in ((9.9, False), (10.1, True), (-1.4, False), (-1.6, True)):
         rest[0, 7, 7] = sign * errors
         assert stands_out(rest, 7, 7) == out
+    rest[0] = sign * 6.0
+    rest[0, 7, 7] = -sign * 0.5
+    assert stands_out(rest, 7, 7)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -345,6 +350,15 @@ def test_without_shot_noise_a_pixel_stands_out_by_the_gain_that_the_others_tell(
         found = _beyond_shot_noise(replace(windows, signal=changed[None]), fit, kept)
         assert found[0, 7, 7] == out
         assert not np.delete(found.ravel(), 7 * 15 + 7).any()
+
+
+def test_pixels_that_shot_noise_explains_are_kept_where_nobody_knows_it():
+    light, rng = light_of(), np.random.default_rng(7)
+    signals = light + rng.normal(0.0, np.sqrt(FLOOR + 6.0 * light), (40, *light.shape))
+    looked = look_into(windows_of(*signals))
+    assert looked.kept.all() and not looked.n_bad.any()
+    signals[:, 9, 5] += 1500.0
+    assert np.median(look_into(windows_of(*signals)).n_bad) == 1
 
 
 # Light on one side
