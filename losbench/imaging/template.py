@@ -102,8 +102,8 @@ def fit_template(
     *,
     free: bool = False,
     equal: bool = False,
-    tolerance: float = 1e-3,
-    max_iter: int = 50,
+    tolerance: float,
+    max_iter: int,
 ) -> TemplateFit:
     """Fit flux and place of a Gaussian to each of M windows, and both its widths if ``free``.
 

@@ -1,0 +1,75 @@
+"""Tiles of few rows, of slopes beside flat sky, and of sensors with a pattern."""
+
+import numpy as np
+import pytest
+
+from losbench.imaging.mesh import _smooth_tiles, _surface, mesh
+from losbench.imaging.pattern import Pattern
+
+
+def test_a_pattern_is_taken_off_before_the_tiles_and_put_back():
+    y, x = np.mgrid[:200, :220]
+    phase = np.array([[4.0, -8.0], [12.0, -8.0]])
+    added = phase[y % 2, x % 2] + 30.0 * (y >= 100) - 20.0 * (x >= 110)
+    truth = 500.0 + 0.3 * x + 0.1 * y + added
+    noise = np.random.default_rng(1).normal(0.0, 2.0, truth.shape)
+    sky = mesh(truth + noise, 0.0, 2.0, 0.1)
+    level, spread = sky.at(y.ravel(), x.ravel())
+    np.testing.assert_allclose(level, truth.ravel(), atol=2.0)
+    np.testing.assert_allclose(spread, 2.0, rtol=0.25)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_slope_beside_a_flat_sky_is_no_noise(axis):
+    """One half rises by 10 noises a pixel."""
+    along = np.indices((240, 240))[axis]
+    truth = 300.0 + 20.0 * np.maximum(along - 120.0, 0.0)
+    noise = np.random.default_rng(2).normal(0.0, 2.0, truth.shape)
+    sky = mesh(truth + noise, 0.0, 2.0, 0.1)
+    np.testing.assert_allclose(np.median(sky.noise), 2.0, rtol=0.5)
+    inner = sky.noise if axis == 0 else sky.noise.T
+    np.testing.assert_allclose(inner[-3:-1], 2.0, rtol=0.5)
+    np.testing.assert_allclose(inner[1:3], 2.0, rtol=0.5)
+
+
+@pytest.mark.parametrize(
+    ("shape", "across", "curved"),
+    [((2, 9), False, (True, True)), ((3, 9), True, (False, True)), ((9, 4), True, (True, True))],
+)
+def test_a_surface_has_the_terms_that_its_tiles_can_tell(shape, across, curved):
+    """A curve from four tiles on (of two it is a level), a twist from three either way."""
+    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in shape), indexing="ij")
+    noise = np.full(shape, 1e-9)
+
+    def held(extra):
+        level = 50.0 + 3.0 * y - 2.0 * x
+        return np.abs(_surface(level - extra, noise) - (level - extra)).max() < 1e-6
+
+    assert held(0.0)
+    assert held(2.0 * x * y) == across
+    assert held(4.0 * y**2) == curved[0] and held(4.0 * x**2) == curved[1]
+
+
+@pytest.mark.parametrize("values", [[1.0, 2.0, 9.0], [5.0, 1.0]])
+def test_tiles_too_few_for_a_plane_have_the_level_of_the_darkest_fifth(values):
+    level = np.array([values])
+    for tiles in (level, level.T):
+        found = _surface(tiles, np.full(tiles.shape, 0.1))
+        np.testing.assert_allclose(found, np.quantile(values, 0.2))
+
+
+def test_what_is_broader_than_a_tile_and_no_object_stays():
+    """A step of one and a half noises."""
+    level = np.zeros((9, 9))
+    level[:, 6:] = 3.0
+    smooth, _ = _smooth_tiles(level, np.full((9, 9), 2.0))
+    np.testing.assert_allclose(smooth[:, 7:], 3.0, atol=0.1)
+    np.testing.assert_allclose(smooth[:, :5], 0.0, atol=0.1)
+
+
+@pytest.mark.parametrize("tap", [(7.0, 0.0), (0.0, -4.0), (7.0, -4.0)])
+def test_rows_of_a_pattern_are_its_pixels(tap):
+    pattern = Pattern(np.array([[1.0, -2.0], [3.0, -2.0]]), np.array(tap), (10.0, 15.0))
+    y, x = np.mgrid[:20, :30]
+    np.testing.assert_array_equal(pattern.rows(0, 20, 30), pattern.at(y, x))
+    np.testing.assert_array_equal(pattern.rows(7, 13, 30), pattern.at(y, x)[7:13])
