@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 import losbench as lb
 from losbench.imaging.results import SpotFlag
 from losbench.imaging.smeared.cutting import Cut, _window, cut_windows, take_windows
-from losbench.imaging.smeared.joint import _solved, solve_jointly
+from losbench.imaging.smeared.joint import _normal_equations, _solved, solve_jointly
 from losbench.imaging.smeared.measuring import Scene, _blocks, _crowded, _flags
+from losbench.imaging.smeared.methods import METHODS
 from losbench.imaging.smeared.model import StreakModel, carried
 from losbench.imaging.smeared.solvers import (
     Region,
@@ -84,14 +85,15 @@ def test_moments_are_about_the_middle_of_a_window(shape):
 
 
 @pytest.mark.parametrize("masked", [False, True])
-def test_errors_of_flux_and_centre_are_sums_over_the_pixels_that_count(masked):
-    light = RNG.random((2, 5, 7)) + 0.5
-    used = RNG.random((2, 5, 7)) < 0.8 if masked else np.ones((2, 5, 7), bool)
-    origin = np.array([[3.0, 5.0], [-2.0, 40.0]])
-    data = data_of(light, origin, used=used, dark=np.array([0.3, 0.7]), shot=0.25)
+@pytest.mark.parametrize("unit", [1e-3, 1.0])
+def test_errors_of_flux_and_centre_are_sums_over_the_pixels_that_count(masked, unit):
+    light = unit * (RNG.random((3, 5, 7)) + 0.5)
+    used = RNG.random((3, 5, 7)) < 0.8 if masked else np.ones((3, 5, 7), bool)
+    origin = np.array([[3.0, 5.0], [-2.0, 40.0], [0.0, 0.0]])
+    data = data_of(light, origin, used=used, dark=np.array([0.3, 0.7, 0.1]), shot=0.25)
     centre, cov = centre_covariance(data)
     x, y = places_of((5, 7))
-    for k in range(2):
+    for k in range(3):
         variance = used[k] * (data.dark_variance[k] + 0.25 * data.light[k])
         flux = data.light[k].sum()
         assert data.flux_error[k] == pytest.approx(np.sqrt(variance.sum()))
@@ -168,6 +170,11 @@ def test_pixels_at_full_scale_and_those_not_read_do_not_count():
     assert found.background[3] == 0.0
     border = np.concatenate([pixels[4, 0], pixels[4, -1], pixels[4, 1:-1, 0], pixels[4, 1:-1, -1]])
     assert found.background[4] == pytest.approx(np.nanmedian(border))
+    for k in range(5):  # alone, a window takes no longer way than it has to
+        alone = prepare(pixels[k : k + 1], np.zeros((1, 2)), background=np.full(1, 120.0), **given)
+        for name in ("saturated", "incomplete", "missing"):
+            assert getattr(alone, name)[0] == getattr(found, name)[k]
+        np.testing.assert_array_equal(alone.used[0], found.used[k])
     below = prepare(np.full((1, 7, 9), 999.9), np.zeros((1, 2)), background=np.zeros(1), **given)
     assert below.whole and not below.saturated.any()
 
@@ -175,13 +182,15 @@ def test_pixels_at_full_scale_and_those_not_read_do_not_count():
 # Windows cut out, or given
 
 
-def test_a_window_holds_the_track_and_five_sigma_wherever_it_begins():
-    for rate, sigma in (((0.0, 0.0, 0.0), 1.0), ((0.0, 0.3, 0.0), 0.6), ((0.4, 0.0, 0.0), 2.0)):
-        path = a_path(rate)
-        corners = [[0.0, 0.0], [139.0, 0.0], [0.0, 119.0], [139.0, 119.0]]
-        span = np.ptp(path.tracks(corners, CAMERA), axis=-2).max()
-        side = _window(path, CAMERA, np.array([sigma, 0.5 * sigma]))
-        assert side == 2 * int(np.ceil(span / 2 + 5.0 * sigma + 0.5)) + 1
+@pytest.mark.parametrize("tilt", [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
+def test_a_window_holds_the_longest_track_and_five_sigma_wherever_it_begins(tilt):
+    """The longest begins in a corner of the frame."""
+    path = a_path((0.02 * tilt[0], 0.02 * tilt[1], 2.0))
+    corners = [[0.0, 0.0], [139.0, 0.0], [0.0, 119.0], [139.0, 119.0]]
+    half = np.ptp(path.tracks(corners, CAMERA), axis=-2).max() / 2
+    for over, more in ((-1e-6, 0), (1e-6, 1)):
+        sigma = (10.0 - 0.5 - half + over) / 5.0
+        assert _window(path, CAMERA, np.array([sigma, 0.5 * sigma])) == 2 * (10 + more) + 1
     assert _window(PATH, CAMERA, np.array([40.0, 40.0])) == 119  # what fits into the frame
     odd = replace(CAMERA, shape=(121, 140))
     assert _window(PATH, odd, np.array([40.0, 40.0])) == 121
@@ -200,6 +209,8 @@ def test_windows_are_cut_around_the_nearest_pixel_of_each_image():
     assert np.isnan(cut.pixels[1][:, 3:]).all() and np.isnan(cut.pixels[2]).all()
     with pytest.raises(ValueError, match="window must be"):
         cut_windows(frames, start, window=1, path=PATH, camera=CAMERA, sigma=SIGMA)
+    least = cut_windows(frames, start, window=3, path=PATH, camera=CAMERA, sigma=SIGMA)
+    assert least.pixels.shape == (6, 3, 3)
     small = replace(CAMERA, shape=(9, 11))
     told = "window of 11 x 11 pixels does not fit into frames of 9 x 11"
     with pytest.raises(ValueError, match=told):
@@ -303,20 +314,24 @@ def solution_at(xy, flux=FLUX, converged=True):
     )
 
 
-@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("counts", ["all", "some", "own"])
 @pytest.mark.parametrize("damping", [1.0, 0.5])
-def test_a_round_moves_by_the_difference_of_centres_and_at_most_a_pixel(masked, damping):
+def test_a_round_moves_by_the_difference_of_centres_and_at_most_a_pixel(counts, damping):
     used = np.ones((3, *SHAPE), bool)
-    if masked:
+    if counts == "some":
         used[:, 3:6, 7] = used[:, 0, 0] = False
     model, data = noiseless(used=used)
     begin = STARS + np.array([[0.3, -0.2], [2.5, 0.1], [0.0, -1.6]])
-    region = Region(used)
+    region = Region(used, 0.02) if counts == "own" else Region(used)
     found = iterate(model, data, region, Stop(1e-6, 1), solution_at(begin), damping=damping)
     image = model.images(model.tracks(begin)) * used
+    if counts == "own":
+        image = np.where(image > 0.02, image, 0.0)
     step = grey_centre(data.light, data.origin) - grey_centre(image, model.origin)
     np.testing.assert_allclose(found.xy, begin + damping * np.clip(step, -1.0, 1.0), atol=1e-9)
     assert found.n_iter.tolist() == [2, 2, 2] and not found.converged.any()
+    if counts == "own":
+        return
     whole = iterate(model, data, region, Stop(1e-9, 80), solution_at(begin), damping=damping)
     np.testing.assert_allclose(whole.xy, STARS, atol=1e-7)
     assert whole.converged.all()
@@ -440,6 +455,8 @@ def test_least_squares_moves_by_a_pixel_and_to_a_tenth_of_the_flux_at_a_time():
     dark = replace(data, light=-data.light)
     found = least_squares(model, dark, Stop(1e-9, 1), solution_at(STARS, FLUX))
     np.testing.assert_allclose(found.flux, 0.1 * FLUX)
+    there = least_squares(model, data, Stop(1e-3, 9), solution_at(STARS, 0.9 * FLUX))
+    assert there.converged.all() and there.n_iter.tolist() == [1, 1, 1]  # the place has settled
     none = least_squares(model, data, Stop(1e-9, 9), solution_at(STARS, 0.0 * FLUX))
     assert not none.converged.any() and none.n_iter.tolist() == [0, 0, 0]
     assert np.isnan(none.cov).all()
@@ -520,10 +537,48 @@ def test_a_prior_as_wide_as_the_error_pulls_half_of_the_way():
 def test_a_turn_of_one_round_moves_the_axis_by_a_pixel_at_most():
     far = np.array([2.5e-3, 0.0, 0.0])  # nine pixels
     found = jointly(far, prior=0.0, rounds=1)
-    assert CAMERA.focal_px * np.linalg.norm(found.turn_rad[0]) <= 1.0 + 1e-9
+    assert CAMERA.focal_px * np.linalg.norm(found.turn_rad[0]) == pytest.approx(1.0)
     assert found.n_iter.tolist() == [1] and not found.converged.any()
     near = jointly((1e-5, 0.0, 0.0), prior=0.0, rounds=1)
     np.testing.assert_allclose(near.turn_rad[0], (1e-5, 0.0, 0.0), atol=1e-7)
+
+
+def test_the_normal_equations_are_those_of_all_pixels_without_what_the_fluxes_explain():
+    """Turns and rates by differences of images; a star's flux is eliminated by least squares."""
+    model, since = model_of(), PATH.time_s - 0.01
+    flux = np.array([3e3, 8e3, 5e3])
+    light = 1.1 * model.images(model.tracks(STARS)) * flux[:, None, None]
+    light += RNG.normal(0.0, 2.0, light.shape)
+    data = data_of(light, model.origin, dark=np.array([4.0, 9.0, 1.0]), shot=0.5)
+    turns = np.broadcast_to(PATH.turns, (3, *PATH.turns.shape))
+    normal, right, told = _normal_equations(model, data, turns, STARS[None], since, flux)
+    h, left = 1e-7, np.zeros((6, 6))
+    expected = np.zeros(6)
+    for k in range(3):
+        image = model.images(model.tracks(STARS))[k]
+        root = np.sqrt(1.0 / (data.dark_variance[k] + 0.5 * flux[k] * image)).ravel()
+        best = np.linalg.lstsq(root[:, None] * image.reshape(-1, 1), root * light[k].ravel())[0][0]
+        assert told[k] == pytest.approx(best, rel=1e-9)
+        columns = []
+        for axis in range(6):
+            ends = []
+            for sign in (1, -1):
+                small = sign * h * np.eye(3)[axis % 3] * (since[:, None] if axis > 2 else 1.0)
+                moved = Rotation.from_rotvec(np.ones((len(since), 1)) * small).as_matrix()
+                turned = replace(model, turns=np.broadcast_to(moved @ PATH.turns, turns.shape))
+                ends.append(turned.images(turned.tracks(STARS))[k])
+            columns.append(best * (ends[0] - ends[1]).ravel() / (2 * h))
+        columns, shape = root[:, None] * np.stack(columns, axis=-1), root * image.ravel()
+        columns -= np.outer(shape, shape @ columns) / (shape @ shape)
+        left += columns.T @ columns
+        expected += columns.T @ (root * (light[k] - best * image).ravel())
+    scale = np.sqrt(np.outer(np.diag(left), np.diag(left)))
+    # One ray stands for a whole track, which a rate about the axis sees.
+    np.testing.assert_allclose(normal[0] / scale, left / scale, atol=0.05)
+    np.testing.assert_allclose((normal[0] / scale)[:3, :3], (left / scale)[:3, :3], atol=1e-3)
+    np.testing.assert_allclose(
+        right[0] / np.sqrt(np.diag(left)), expected / np.sqrt(np.diag(left)), atol=0.3
+    )
 
 
 def test_what_leaves_a_turn_undetermined_is_told():
@@ -560,6 +615,10 @@ def test_tracks_meet_within_six_widths(axis, sigmas, near):
     boxes = np.stack([low, high], axis=1)
     assert _crowded(boxes, scene).tolist() == [near, near]
     assert _crowded(boxes[::-1], scene).tolist() == [near, near]
+    images = replace(scene, cut=replace(scene.cut, batch=(3,)))
+    apart = np.stack([boxes[0], boxes[0] + 90.0])
+    found = _crowded(np.concatenate([apart, boxes, apart]), images)
+    assert found.tolist() == [[False, False], [near, near], [False, False]]
     boxes[1] = np.nan
     assert not _crowded(boxes, scene).any()
 
@@ -678,3 +737,52 @@ def test_full_scale_is_told_or_that_of_the_numbers(monkeypatch):
     ):
         lb.aided_centroid(np.zeros(CAMERA.shape, dtype), **given, **more)
     assert seen == [255.0, 65535.0, np.inf, 4095.0, 500.0, 900.0]
+
+
+FOUR = np.array([[40.3, 50.2], [90.8, 30.4], [70.1, 80.9], [30.5, 90.2]])
+
+
+@pytest.mark.parametrize("epoch", ["start", "middle", "end"])
+def test_a_joint_turn_is_that_at_the_epoch(epoch):
+    """The rays turn by a rate that the path lacks, about the moment of the epoch."""
+    rate = np.array([0.004, -0.003, 0.02])
+    moment = {"start": 0.0, "middle": 0.0125, "end": 0.025}[epoch]
+    turns = Rotation.from_rotvec((PATH.time_s - moment)[:, None] * rate).as_matrix() @ PATH.turns
+    start = PATH.carry(FOUR, CAMERA, start=epoch, end="start")
+    tracks = replace(PATH, turns=turns).tracks(start, CAMERA)
+    frame = lb.render_streaks(tracks, PATH.share, 3e4, SIGMA, CAMERA.shape)
+    found = lb.aided_centroid(
+        frame,
+        np.rint(tracks.mean(axis=1)),
+        path=PATH,
+        camera=CAMERA,
+        width=SIGMA,
+        method="joint",
+        epoch=epoch,
+        predicted=FOUR + 0.05,
+        background=0.0,
+    )
+    np.testing.assert_allclose(found.rate_rad_s, rate, rtol=1e-3)
+    np.testing.assert_allclose(found.xy, FOUR, atol=1e-3)
+    assert not found.flags.any()
+
+
+@pytest.mark.parametrize("method", ["iterative", "closed_form", "least_squares", "joint"])
+def test_blocks_of_stars_ask_nothing_of_each_other(monkeypatch, method):
+    tracks = PATH.tracks(FOUR, CAMERA, epoch="end")
+    one = lb.render_streaks(tracks, PATH.share, 3e4, SIGMA, CAMERA.shape) + 40.0
+    frames = np.random.default_rng(5).normal(one, 3.0, (3, *one.shape))
+    frames[1, 50:60, 40:44] = np.nan
+    given = {"path": PATH, "camera": CAMERA, "width": SIGMA, "method": method, "window": 15}
+    if method == "joint":
+        given["predicted"] = np.broadcast_to(FOUR + 0.05, (3, 4, 2))
+
+    def measured():
+        return lb.aided_centroid(frames, np.rint(tracks.mean(axis=1)), **given)
+
+    whole = measured()
+    monkeypatch.setattr(type(METHODS[method]), "block", 4 if method == "joint" else 5)
+    parts = measured()
+    for name in ("xy", "sigma_xy", "flux", "n_iter", "converged", "flags"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-4)
+    assert (whole.flags[1] != 0).any() and not whole.flags[[0, 2]].any()
