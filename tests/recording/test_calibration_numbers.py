@@ -66,6 +66,15 @@ def test_a_region_alone_changes_no_number():
     assert recording.notes == () and recording.stamps[0].whole == (6, 8)
 
 
+def test_a_region_alone_cuts_no_reading_off():
+    """The detector's full scale is told, and what reads more stays as it was."""
+    frames = FRAMES.copy()
+    frames[0, 0, 0] = 5000
+    recording = opened(frames, roi=(0, 0, 8, 6), detector=lb.Detector(bits=10))
+    assert recording.full_scale_dn == 1023
+    np.testing.assert_array_equal(everything(recording), frames)
+
+
 # Several darks, and darks of another step
 
 
@@ -84,6 +93,19 @@ def test_a_dark_of_few_codes_counts_in_the_steps_of_the_frames():
     dark = np.full((2, 60, 80), 160, np.uint16)
     recording = opened(frames, dark=dark)
     np.testing.assert_allclose(everything(recording), frames / 16.0 - 10.0)
+
+
+def test_darks_and_masks_need_no_times_that_increase(tmp_path):
+    """Files of one second, and of darks taken in any order."""
+    fits = pytest.importorskip("astropy.io.fits")
+    for name, value in (("dark", 10), ("bad", 0)):
+        (tmp_path / name).mkdir()
+        for k in range(2):
+            hdu = fits.PrimaryHDU(np.full((6, 8), value + 2 * k, np.int16))
+            hdu.header["DATE-OBS"] = "2026-03-01T12:00:00"
+            hdu.writeto(tmp_path / name / f"{k}.fits")
+    recording = opened(dark=tmp_path / "dark", bad_pixels=tmp_path / "bad")
+    np.testing.assert_allclose(everything(recording), FRAMES - 11.0)
 
 
 # Bad pixels
