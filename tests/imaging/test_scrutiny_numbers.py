@@ -8,16 +8,15 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 import losbench as lb
+from losbench.imaging.neighbours import lopsided, turned
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.scrutiny import (
     _beyond_shot_noise,
     _lines,
     _singles,
-    _turned,
     asks,
     look_into,
-    lopsided,
     unexplained,
 )
 from losbench.imaging.template import TemplateFit, fit_template
@@ -135,7 +134,7 @@ def test_an_image_turned_about_its_centre_is_linear_between_pixels(centre, size)
     row, column = np.indices(image.shape)
     at = [2.0 * middle[1] - row, 2.0 * middle[0] - column]
     expected = map_coordinates(np.pad(image, 9), [a + 9 for a in at], order=1)
-    np.testing.assert_allclose(_turned(image[None], np.array([centre]))[0], expected, atol=1e-12)
+    np.testing.assert_allclose(turned(image[None], np.array([centre]))[0], expected, atol=1e-12)
 
 
 # Single pixels
@@ -382,7 +381,7 @@ def stamp_of(value, at=(5, 6), *, sigma=1.5, peak=1000.0):
 def is_lopsided(value, *, floor=FLOOR, per_dn=0.0, kept=EVERY, **options):
     stamp, fit = stamp_of(value, **options)
     windows = windows_of(np.zeros((15, 15)), floor=floor, per_dn=per_dn)
-    return bool(lopsided(stamp[None], kept, windows, fit)[0])
+    return bool(lopsided(stamp[None], kept, windows.noise, fit)[0])
 
 
 @pytest.mark.parametrize("at", [(6, 0), (0, -6), (-5, 6), (-7, -7)])
@@ -404,7 +403,7 @@ def test_one_pixel_with_seven_tenths_of_the_light_is_no_spot(share, told):
     y, x = TALL // 2 + 6, TALL // 2 + 5
     stamp[y, x : x + 2] += np.array([share, 1.0 - share]) * 900.0
     windows = windows_of(np.zeros((15, 15)), floor=1e-6)
-    assert lopsided(stamp[None], EVERY, windows, fit).tolist() == [told]
+    assert lopsided(stamp[None], EVERY, windows.noise, fit).tolist() == [told]
 
 
 @pytest.mark.parametrize(
@@ -433,7 +432,7 @@ def test_means_that_hang_over_the_border_of_a_stamp_do_not_count(turns):
         changed = stamp.copy()
         changed[rows, 6:9] += size * error
         turned = np.rot90(changed, turns)
-        assert lopsided(turned[None], EVERY, windows, fit).tolist() == [told]
+        assert lopsided(turned[None], EVERY, windows.noise, fit).tolist() == [told]
 
 
 def test_pixels_that_are_not_kept_on_either_side_are_not_compared():
@@ -451,7 +450,7 @@ def test_light_on_both_sides_is_the_shape(turned, told):
     if turned:
         stamp = (stamp + stamp[::-1, ::-1]) / 2.0
     windows = windows_of(np.zeros((15, 15)))
-    assert lopsided(stamp[None], EVERY, windows, fit).tolist() == [told]
+    assert lopsided(stamp[None], EVERY, windows.noise, fit).tolist() == [told]
 
 
 def test_a_template_fitted_to_what_is_kept_has_the_light_of_all():
