@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Pixels
 from losbench.checks import number, odd
+from losbench.imaging.ranks import noise_above_black
 from losbench.imaging.stamps import RING, ring_places
 from losbench.units import SIGMA_PER_MAD
 
@@ -46,6 +47,10 @@ class Plane:
         that.
     outlier : (M,) array
         How far the pixel that stands out most lies from the plane, in units of the scatter.
+    noise : (M,) array, DN
+        The scatter; where black is clipped, what it was before.
+    clipped : (M,) array of bool
+        Whether the ring tells of black that is clipped.
     """
 
     level: Floats
@@ -56,6 +61,8 @@ class Plane:
     excess: Floats
     excess_error: Floats
     outlier: Floats
+    noise: Floats
+    clipped: Bools
 
     def of(self, some: NDArray[Any]) -> Plane:
         """Return that of some of the spots."""
@@ -229,6 +236,7 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     """
     geometry = _geometry(side)
     basis, solve = geometry.basis.astype(ring.dtype), geometry.solve.astype(ring.dtype)
+    noise = noise_above_black(ring)
     level = np.where(
         np.isfinite(ring[:, 0]), ring[:, 0], 0.0
     )  # any will do: small numbers lose less of their digits
@@ -254,6 +262,8 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
         excess=fit.excess,
         excess_error=fit.scatter * float(np.sqrt((geometry.solve[:, 3] ** 2).sum())),
         outlier=fit.outlier,
+        noise=np.fmax(fit.scatter, noise),
+        clipped=noise != 0.0,
     )
 
 

@@ -87,6 +87,7 @@ def judged(shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> 
         (SpotFlag.RING, _leaks(cut, level) & ~faint & ~leaves & ~clipped),
         (SpotFlag.MISFIT, fit.misfit & ~faint & ~leaves),
         (SpotFlag.MISSING, holes),
+        (SpotFlag.CLIPPED, cut.plane.clipped),
     ):
         flags[where] |= flag
     nowhere = (leaves | holes | faint)[:, None]

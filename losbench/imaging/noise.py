@@ -102,15 +102,19 @@ class PixelNoise:
     plane : (M, 3) array
         Variances of the plane's level, DN squared, and of its slopes along x and y, DN squared per
         pixel squared.
+    lost : (M,) array, DN squared, or None
+        What a pixel without light lacks of the floor, as black is clipped.
     """
 
     floor: Floats
     per_dn: float
     plane: Floats
+    lost: Floats | None = None
 
     def of(self, some: NDArray[Any] | slice) -> PixelNoise:
         """Return that of some of the windows."""
-        return PixelNoise(self.floor[some], self.per_dn, self.plane[some])
+        lost = None if self.lost is None else self.lost[some]
+        return PixelNoise(self.floor[some], self.per_dn, self.plane[some], lost)
 
 
 def pixel_noise(plane: Plane, noise: Detector | Gain, last_digit: Floats) -> PixelNoise:
@@ -122,13 +126,14 @@ def pixel_noise(plane: Plane, noise: Detector | Gain, last_digit: Floats) -> Pix
     if isinstance(noise, Gain):
         # Frames without any noise are known to their last digit, not to nothing.
         least = noise.rounding if noise.step_dn else last_digit**2
-        floor = np.maximum(plane.scatter**2, least)
+        floor = np.maximum(plane.noise**2, least)
+        ring = np.maximum(plane.scatter**2, least)
     else:
-        floor = noise.variance_dn(plane.level)
+        ring = floor = noise.variance_dn(plane.level)
     of_plane = np.empty((len(floor), 3))
-    of_plane[:, 0] = plane.level_variance * floor
-    of_plane[:, 1:] = plane.slope_variance * floor[:, None]
-    return PixelNoise(floor, per_dn, of_plane)
+    of_plane[:, 0] = plane.level_variance * ring
+    of_plane[:, 1:] = plane.slope_variance * ring[:, None]
+    return PixelNoise(floor, per_dn, of_plane, floor - ring)
 
 
 def peak_reading(raw: Pixels, missing: Bools | None) -> Floats:

@@ -18,6 +18,7 @@ __all__ = ["Pairing", "Pairs", "nearest_pairs"]
 
 
 _PLATEAU = 5  # pixels that share the highest reading
+_FAINT = 3.0  # noises
 
 
 @dataclass(frozen=True)
@@ -118,8 +119,11 @@ class Pairs:
         basis = _explaining(signal, at.mean(axis=1) - middle, width)
         slope = (basis[:, 4] ** 2 + basis[:, 5] ** 2) / 4
         shift = ((at[:, 1] - at[:, 0]) ** 2).sum(axis=1)
-        variance = plane.scatter[:count] ** 2 + plane.scatter[count:] ** 2
+        variance = plane.noise[:count] ** 2 + plane.noise[count:] ** 2
         floor = np.maximum(variance, step**2 / 6.0) / 2
+        # Where black is clipped, faint pixels have less noise than the others' floor.
+        faint = signal[:, 1:-1, 1:-1] < _FAINT * np.sqrt(floor)[:, None, None]
+        use &= ~((plane.clipped[:count] | plane.clipped[count:])[:, None, None] & faint)
         return cls(
             np.where(use, one - two, 0.0).reshape(count, -1),
             signal[:, 1:-1, 1:-1].reshape(count, -1),

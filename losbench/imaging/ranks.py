@@ -14,13 +14,14 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtri
 
-from losbench.arrays import Bools, Floats
+from losbench.arrays import Bools, Floats, Pixels
 
-__all__ = ["CLIPPED", "digit_step", "level_and_noise", "medians"]
+__all__ = ["CLIPPED", "digit_step", "level_and_noise", "medians", "noise_above_black"]
 
 
 CLIPPED = 0.08  # share of pixels at the minimum from which on a frame is clipped there
 _FEWEST = 15  # ranks
+_TOLD = 1.2  # steps of noise; below, rounding looks like clipping
 _FEW = 4096  # values, whose scores may stay in memory
 
 
@@ -84,6 +85,32 @@ def level_and_noise(
     if unknown is not None:
         return np.where(few, unknown[0], level), np.where(few, unknown[1], noise)
     return np.where(few, lowest, level), np.where(few, digit / 2, noise)
+
+
+def noise_above_black(rings: Pixels) -> Floats:
+    """Noise (M,) that the readings of rings (M, R) had before a camera clipped them at black; NaN
+    where so few are left that they do not tell it; 0 where nothing was clipped, or the noise is
+    hardly more than their step, and rounding makes as many alike.
+
+    >>> dark = np.random.default_rng(1).normal([[-1.0], [20.0]], 4.0, (2, 4000)).round()
+    >>> noise_above_black(dark.clip(0)).round(1).tolist()
+    [4.0, 0.0]
+    """
+    black = rings == np.fmin.reduce(rings, axis=1)[:, None]
+    noise = np.zeros(len(rings))
+    some = np.count_nonzero(black, axis=1) >= CLIPPED * rings.shape[1]
+    if not some.any():
+        return noise
+    values = rings[some].astype(np.float64)
+    absent = np.isnan(values)
+    if absent.any():
+        values = np.where(absent, np.nanmedian(values, axis=1)[:, None], values)
+    digit = digit_step(values)
+    found = level_and_noise(values, digit, black[some], unknown=(np.nan, np.nan))[1]
+    above = values - values.min(axis=1, keepdims=True)
+    beyond = (above > 1.5 * digit).any(axis=1)
+    noise[some] = np.where(beyond & ~(found < _TOLD * digit), found, 0.0)
+    return noise
 
 
 def _kept(make: Callable[[int], Floats], n: int) -> Floats:

@@ -87,6 +87,10 @@ class SpotFlag(IntFlag):
         2048,
         "The spot was not where the recording led to expect it, and was found elsewhere.",
     )
+    CLIPPED = (
+        4096,
+        "Black is clipped around the spot: its level is too high, the error may be too large.",
+    )
 
     @classmethod
     def table(cls) -> str:

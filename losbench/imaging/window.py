@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
+from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Estimate, Windows
 
 __all__ = ["NEWTON_LIMIT", "Look", "WindowFit", "look", "spread", "window_estimate"]
 
 
+_WHOLE = 1.5  # noises of light, from which on a pixel is hardly clipped
 NEWTON_LIMIT = 0.85  # contraction beyond which extrapolation amplifies noise more than it helps
 
 
@@ -70,9 +72,7 @@ def window_estimate(windows: Windows, fit: WindowFit, *, moved: bool) -> Estimat
     """Errors of window centroids; `Centroids` has the formula."""
     seen, noise, side = fit.seen, windows.noise, windows.side
     middle = fit.centroid if moved else np.zeros_like(fit.centroid)
-    total_variance, moment_variance = spread(
-        windows.signal, middle, side, noise.floor, noise.per_dn
-    )
+    total_variance, moment_variance = spread(windows.signal, middle, side, noise)
     arm = side**2 * (side**2 - 1) / 12.0
     moment_variance += arm**2 * noise.plane[:, 1:]
     total_variance += side**4 * noise.plane[:, 0]
@@ -92,14 +92,12 @@ def window_estimate(windows: Windows, fit: WindowFit, *, moved: bool) -> Estimat
     )
 
 
-def spread(
-    pixels: Pixels, centre: Floats, window: int, floor: Floats, per_dn: float
-) -> tuple[Floats, Floats]:
+def spread(pixels: Pixels, centre: Floats, window: int, noise: PixelNoise) -> tuple[Floats, Floats]:
     """Variance of the sum of a window, and of its first moment about the centre, for independent
     pixels.
 
-    The variance of a pixel is ``floor + per_dn * pixel``: (M,) DN squared, and DN per DN (the
-    inverse of the gain).
+    The variance of a pixel is ``floor + per_dn * pixel``, less where black is clipped: there it
+    rises to the floor with the light of the pixel.
 
     Returns
     -------
@@ -109,9 +107,13 @@ def spread(
     offset = np.arange(pixels.shape[2]) - pixels.shape[2] // 2
     square = _overlap(offset, centre, window) ** 2
     arm = square * (offset - centre[:, :, None]) ** 2
-    sums = floor[:, None, None] * square[:, ::-1].sum(axis=2, keepdims=True)
-    if per_dn:
-        sums = sums + per_dn * _column_and_row_sums(pixels, square)
+    sums = noise.floor[:, None, None] * square[:, ::-1].sum(axis=2, keepdims=True)
+    if noise.per_dn:
+        sums = sums + noise.per_dn * _column_and_row_sums(pixels, square)
+    if noise.lost is not None and noise.lost.any():
+        whole = (_WHOLE * np.sqrt(noise.floor)).astype(pixels.dtype)[:, None, None]
+        dark = np.clip(1.0 - pixels / whole, 0.0, 1.0)
+        sums = sums - noise.lost[:, None, None] * _column_and_row_sums(dark, square)
     sums = np.broadcast_to(sums, arm.shape)
     return np.einsum("mk,mk->m", sums[:, 0], square[:, 0]), np.einsum("mak,mak->ma", sums, arm)
 

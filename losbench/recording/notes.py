@@ -55,7 +55,7 @@ def _on_black(surveys: Sequence[Survey]) -> list[str]:
         return []
     return [
         f"{black:.0%} of the pixels around the spots stand at the lowest reading: black is "
-        "clipped, and levels and noise by the ring are off."
+        "clipped, and levels by the ring are too high."
     ]
 
 

@@ -15,7 +15,7 @@ from losbench.imaging.levels import _least_noise
 from losbench.imaging.noise import PixelNoise, saturated, step_of
 from losbench.imaging.places import peak_pixels
 from losbench.imaging.protocols import Windows
-from losbench.imaging.ranks import digit_step, level_and_noise, medians
+from losbench.imaging.ranks import digit_step, level_and_noise, medians, noise_above_black
 from losbench.imaging.sizes import default_window, spot_sigma, window_in_first
 from losbench.imaging.window import WindowFit, look, spread, window_estimate
 
@@ -186,7 +186,7 @@ def test_a_window_sees_what_a_loop_over_its_pixels_sees(centre):
 def test_the_spread_of_a_window_is_that_of_its_pixels(per_dn):
     pixels, floor = np.random.default_rng(5).random((2, 9, 9)), np.array([3.0, 0.7])
     centre = np.array([[0.3, -0.45], [-0.9, 0.8]])
-    total, moment = spread(pixels, centre, 7, floor, per_dn)
+    total, moment = spread(pixels, centre, 7, PixelNoise(floor, per_dn, np.zeros((len(floor), 3))))
     y, x = np.mgrid[-4:5, -4:5]
     for k in range(2):
         arms = x - centre[k, 0], y - centre[k, 1]
@@ -195,6 +195,23 @@ def test_the_spread_of_a_window_is_that_of_its_pixels(per_dn):
         assert total[k] == pytest.approx(variance.sum())
         expected = [(variance * arm**2).sum() for arm in arms]
         np.testing.assert_allclose(moment[k], expected, rtol=1e-9)
+
+
+def test_the_spread_of_a_window_on_clipped_black_is_between_that_of_its_sky_and_of_its_light():
+    """Against the scatter of clipped numbers, of a spot of some noises on black at one below."""
+    rng, noise = np.random.default_rng(6), 4.0
+    y, x = np.mgrid[-7:8, -7:8]
+    light = 60.0 * np.exp(-0.5 * (x**2 + y**2) / 4.0)
+    for black in (0.0, -4.0):
+        drawn = rng.normal(light + black, noise, (4000, 15, 15)).clip(0.0)
+        sky = rng.normal(black, noise, 10**6).clip(0.0)
+        lost = np.full(4000, noise**2 - sky.var())
+        known = PixelNoise(np.full(4000, noise**2), 0.0, np.zeros((4000, 3)), lost)
+        total, moment = spread(drawn - sky.mean(), np.zeros((4000, 2)), 13, known)
+        inner = drawn[:, 1:-1, 1:-1]
+        assert np.sqrt(total.mean()) == pytest.approx(inner.sum(axis=(1, 2)).std(), rel=0.1)
+        arm = (inner * x[1:-1, 1:-1]).sum(axis=(1, 2)).std()
+        assert np.sqrt(moment[:, 0].mean()) == pytest.approx(arm, rel=0.1)
 
 
 @pytest.mark.parametrize("moved", [False, True])
@@ -329,6 +346,31 @@ def test_a_sky_that_is_clipped_at_black_keeps_its_level_and_noise(share):
     black = np.quantile(values, share)
     level, noise = level_and_noise(np.maximum(values, black), 0.0, values <= black)
     assert level[0] == pytest.approx(0.0, abs=0.03) and noise[0] == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("level", "noise", "told"),
+    [
+        (0.0, 4.0, "noise"),
+        (-4.0, 4.0, "noise"),
+        (20.0, 4.0, "nothing"),  # not clipped
+        (100.3, 0.3, "nothing"),  # four in five are 100, by rounding
+        (100.0, 0.05, "nothing"),  # all are 100
+        (100.0, 0.7, "nothing"),  # a quarter is 99, by rounding
+        (-8.0, 4.0, "clipped"),  # one in fifty is left
+    ],
+)
+def test_a_ring_tells_the_noise_that_it_had_before_black_was_clipped(level, noise, told):
+    rings = np.random.default_rng(41).normal(level, noise, (200, 360)).round().clip(0)
+    rings[:, 7] = np.nan
+    found = noise_above_black(rings.astype(np.float32))
+    if told == "noise":
+        assert np.mean(found) == pytest.approx(noise, rel=0.06)
+        assert np.std(found) < (0.15 if level == 0.0 else 0.25) * noise
+    elif told == "nothing":
+        assert not found.any()
+    else:
+        assert np.isnan(found).mean() > 0.9
 
 
 def test_medians_are_the_upper_of_two():

@@ -9,6 +9,7 @@ import pytest
 import losbench as lb
 from losbench.imaging.noise import Gain, step_of
 from losbench.imaging.pairs import nearest_pairs
+from losbench.imaging.results import SpotFlag
 from losbench.recording.contradiction import contradictions
 
 SHAPE = (60, 120)
@@ -172,13 +173,38 @@ def test_a_gain_contradicts_a_detector_where_it_is_surely_another(per_dn, error,
 @pytest.mark.parametrize("black", [100.0, 3.0, 0.0, -3.0])
 def test_errors_on_a_sky_clipped_at_black_are_those_of_the_scatter(black, method):
     """Bright spots on a level one noise above zero, at it and below: what is stated is neither
-    below the scatter, for frames without a flag too, nor much above it.
+    below the scatter, for frames without another flag too, nor much above it.
     """
     rng = np.random.default_rng(8)
     light = lb.render_spots([[24.3, 23.8]], 1000.0 * 8 * np.pi, 2.0, (48, 48)) + black
     frames = (light + rng.normal(0.0, 3.0, (400, 48, 48))).round().clip(0).astype(np.uint16)
     found = lb.centroid(frames, [[24, 24]], method=method)
-    stated, xy, good = found.sigma_xy[:, 0], found.xy[:, 0], found.flags[:, 0] == 0
-    assert 0.9 < stated.mean() / xy.std(axis=0).mean() < 1.3
+    stated, xy, flags = found.sigma_xy[:, 0], found.xy[:, 0], found.flags[:, 0]
+    assert (flags & SpotFlag.CLIPPED > 0).all() == (black < 50.0)
+    good = flags & ~SpotFlag.CLIPPED == 0
+    assert 0.9 < stated.mean() / xy.std(axis=0).mean() < 1.2
     assert good.sum() > 40
     assert stated[good].mean() > 0.9 * xy[good].std(axis=0).mean()
+
+
+@pytest.mark.parametrize("method", ["eiwa", "weighted"])
+@pytest.mark.parametrize(("black", "sure"), [(4.0, 1.0), (0.0, 1.0), (-4.0, 1.0), (-8.0, 0.8)])
+@pytest.mark.parametrize(("flux", "sigma"), [(1e5, 2.0), (2e3, 2.0), (2e4, 4.0)])
+def test_where_black_is_clipped_gain_and_errors_hold_or_are_flagged(
+    black, sure, flux, sigma, method
+):
+    """Gain 2 e-/DN and noise of 4 DN, on black from one noise above the lowest reading to two
+    below, where next to nothing of the sky is left to tell its noise.
+    """
+    rng = np.random.default_rng(int(flux) + int(black) + 77)
+    truth = np.array([[20.0, 20.0], [60.0, 30.0]]) + rng.normal(0.0, 0.15, (120, 2, 2))
+    light = rng.poisson(lb.render_spots(truth, 2.0 * flux, sigma, (50, 80))) / 2.0 + black
+    frames = (light + rng.normal(0.0, 4.0, light.shape)).round().clip(0).astype(np.uint16)
+    found = lb.centroid(frames, truth.round(), method=method)
+    assert (found.flags & SpotFlag.CLIPPED > 0).mean() >= sure
+    ratio = found.sigma_xy.mean() / (found.xy - truth).std()
+    if black > -8.0:
+        assert found.noise.per_dn == pytest.approx(0.5, rel=0.3)
+        assert 0.88 < ratio < 1.2
+    else:
+        assert 0.88 < ratio < 1.7
