@@ -45,8 +45,8 @@ def allan_deviation(
     *,
     rate_hz: float,
     tau_s: ArrayLike,
-    errors: Literal[False] = False,
-    confidence: float = 0.95,
+    errors: Literal[False] = ...,
+    confidence: float = ...,
 ) -> Floats: ...
 @overload
 def allan_deviation(
@@ -55,7 +55,7 @@ def allan_deviation(
     rate_hz: float,
     tau_s: ArrayLike,
     errors: Literal[True],
-    confidence: float = 0.95,
+    confidence: float = ...,
 ) -> AllanDeviation: ...
 def allan_deviation(
     series: ArrayLike,
@@ -122,7 +122,7 @@ def allan_deviation(
     whole = int(count[-1])
     noise = _noises(centred[present], samples)
     dof = np.array([_freedom(a, whole + 1, m) for a, m in zip(noise, samples, strict=True)])
-    dof = np.where(np.isnan(deviation), np.nan, np.maximum(dof, 1.0))
+    dof[np.isnan(deviation)] = np.nan
     from scipy.special import chdtri
 
     tails = 0.5 + 0.5 * level * np.array([-1.0, 1.0])
@@ -152,15 +152,18 @@ def _noises(series: Floats, samples: Ints) -> list[int]:
 
 def _exponent(means: Floats) -> int:
     """Exponent by the lag-1 autocorrelation, of differences where it is near that of a walk."""
-    for differenced in range(2):
-        about = means - means.mean()
-        total = float(about @ about)
-        r = float(about[1:] @ about[:-1]) / total if total > 0 else 0.0
-        half = r / (1.0 + r)
-        if half < 0.25 or differenced:
-            return int(np.clip(-np.rint(2.0 * half) - 2 * differenced, -2, 2))
-        means = np.diff(means)
-    raise AssertionError
+    half, differenced = _half(means), 0
+    if half >= 0.25:
+        half, differenced = _half(np.diff(means)), 2
+    return int(np.clip(-np.rint(2.0 * half) - differenced, -2, 2))
+
+
+def _half(means: Floats) -> float:
+    """Half the slope of the spectrum, its sign changed, as far as one autocorrelation tells."""
+    about = means - means.mean()
+    total = float(about @ about)
+    r = float(about[1:] @ about[:-1]) / total if total > 0 else 0.0
+    return r / (1.0 + r)
 
 
 def _freedom(exponent: int, n: int, m: int) -> float:
@@ -171,7 +174,7 @@ def _freedom(exponent: int, n: int, m: int) -> float:
         return (n + 1) * (n - 2 * m) / (2 * (n - m))
     if exponent == 1:
         product = np.log((n - 1) / (2 * m)) * np.log((2 * m + 1) * (n - 1) / 4)
-        return float(np.exp(np.sqrt(max(product, 0.0))))
+        return float(np.exp(np.sqrt(product)))
     if exponent == 0:
         return (3 * (n - 1) / (2 * m) - 2 * (n - 2) / n) * 4 * m**2 / (4 * m**2 + 5)
     if exponent == -1:

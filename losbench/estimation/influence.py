@@ -100,9 +100,9 @@ def efficiency(loss: Loss | str, *, rows: int = 1) -> float:
 
 
 @overload
-def tuned(loss: AnyLoss, efficiency: float = 0.95, *, rows: int = 1) -> AnyLoss: ...
+def tuned(loss: AnyLoss, efficiency: float = ..., *, rows: int = ...) -> AnyLoss: ...
 @overload
-def tuned(loss: str, efficiency: float = 0.95, *, rows: int = 1) -> Loss: ...
+def tuned(loss: str, efficiency: float = ..., *, rows: int = ...) -> Loss: ...
 def tuned(loss: Loss | str, efficiency: float = 0.95, *, rows: int = 1) -> Loss:
     """Scale the constants of a loss so that it has the efficiency asked for.
 
@@ -155,11 +155,11 @@ def gross_error_sensitivity(loss: Loss | str) -> float:
     (1.637, 1.77)
     """
     loss = read_loss(loss)
-    near, far = np.linspace(0.0, 50.0, 500_001), np.geomspace(50.0, 1e12, 2001)
-    pull = [float(np.max(u * loss.weights(u))) for u in (near, far)]
-    if pull[1] > 1e6 * max(pull[0], 1.0):
+    u = np.geomspace(1e-4, 1e12, 500_001)
+    pull = u * loss.weights(u)
+    if pull[-1] > 2.0 * pull[u < 1e11].max():  # it grows to the end
         return float("inf")
-    return max(pull) / _mean_slope(loss, 1)
+    return float(pull.max()) / _mean_slope(loss, 1)
 
 
 def sensitivity_curve(

@@ -16,7 +16,7 @@ def huber_efficiency(c):
     return inside**2 / (inside - 2 * c * norm.pdf(c) + 2 * c**2 * norm.sf(c))
 
 
-@pytest.mark.parametrize("c", [0.2, 1.0, 1.345, 1.5, 3.0])
+@pytest.mark.parametrize("c", [0.23, 1.0, 1.345, 1.5, 3.0])
 def test_hubers_efficiency_is_the_closed_form(c):
     assert lb.efficiency(lb.Huber(c)) == pytest.approx(huber_efficiency(c), abs=1e-12)
 
@@ -60,6 +60,7 @@ def test_the_efficiency_of_pairs_with_one_weight_shows_in_simulation(loss):
 
 
 def test_moments_of_normal_errors():
+    assert normal_mean(lambda u: u**4) == pytest.approx(3.0, abs=1e-12)
     for rows in (1, 2, 3, 8):
         assert normal_mean(np.ones_like, rows=rows) == pytest.approx(1.0, abs=1e-12)
         assert normal_mean(lambda u: u**2, rows=rows) == pytest.approx(1.0, abs=1e-12)
@@ -90,6 +91,12 @@ def test_an_efficiency_out_of_reach_is_refused():
         match=r"efficiency must be within what Huber can have, 0\.6.* to 1\.0.*, got 0\.5",
     ):
         lb.tuned(lb.Huber(), 0.5)
+    with pytest.raises(ValueError, match="efficiency must be a finite number from 0 to 1, got 1.2"):
+        lb.tuned(lb.Huber(), 1.2)
+
+
+def test_an_efficiency_is_95_percent_unless_said():
+    assert lb.tuned(lb.Bisquare(3.0)) == lb.tuned(lb.Bisquare(3.0), 0.95, rows=1)
 
 
 def test_the_influence_function_is_the_limit_of_sensitivity_curves():
@@ -122,6 +129,13 @@ def test_a_sensitivity_curve_asks_for_one_number_for_each_sample():
     for estimate in (np.median, lambda y: np.median(y, axis=0), lambda y: y):
         with pytest.raises(ValueError, match=message):
             lb.sensitivity_curve(estimate, [1.0, 2.0, 4.0, 7.0], [-6.0, 0.0, 60.0])
+    with pytest.raises(ValueError, match="estimate must work along axis=-1"):
+        lb.sensitivity_curve(lambda y: np.median(y, axis=0), [1.0, 2.0, 4.0, 7.0], np.arange(5.0))
+
+
+def test_a_sensitivity_curve_is_the_change_that_one_more_observation_makes():
+    found = lb.sensitivity_curve(lambda y: y.mean(axis=-1), [4.0, 6.0, 11.0], [19.0])
+    np.testing.assert_allclose(found, [4 * (10.0 - 7.0)], rtol=1e-12)
 
 
 def test_gross_error_sensitivities():

@@ -29,7 +29,69 @@ def test_a_deviation_without_two_whole_averages_has_no_degrees_of_freedom():
     assert np.isfinite(_freedom(0, 21, 10))
 
 
-@pytest.mark.parametrize("c", [3.0, 60.0, 90.0, 400.0])
+def moving(share, size=20_000):
+    """A white series, its neighbours given a correlation."""
+    white = np.random.default_rng(1).standard_normal(size + 1)
+    weight = (1 - np.sqrt(1 - 4 * share**2)) / (2 * share)
+    return 3.0 + 1e-3 * (white[1:] + weight * white[:-1])
+
+
+NOISES = {2: "white phase", 1: "flicker phase", 0: "white", -1: "flicker", -2: "random walk"}
+
+
+@pytest.mark.parametrize("share", [-0.47, -0.3, 0.1, 0.3, 0.36, 0.44])
+def test_the_noise_is_that_of_allantools(share):
+    """On both sides of where a series is taken for a walk, and of every name."""
+    series = moving(share)
+    found = lb.allan_deviation(series, rate_hz=8.0, tau_s=[0.125, 0.625], errors=True)
+    expected = allantools.autocorr_noise_id(series, 1, data_type="freq")[0]
+    assert found.noise[0] == NOISES[expected]
+    assert found.tau_s.tolist() == [0.125, 0.625]
+    dof = allantools.edf_simple(len(series) + 1, 1, expected)
+    if expected != -1:  # see above
+        assert found.dof[0] == pytest.approx(dof, rel=1e-12)
+    coarse = allantools.autocorr_noise_id(series, 5, data_type="freq")[0]
+    assert found.noise[1] == NOISES[coarse]
+
+
+def test_a_drift_does_not_hide_the_noise():
+    series = np.random.default_rng(4).standard_normal(2000) + 0.01 * np.arange(2000.0)
+    found = lb.allan_deviation(series, rate_hz=1.0, tau_s=[1.0], errors=True)
+    assert found.noise == ("white",)
+
+
+def test_the_noise_of_differences_of_differences_is_the_last_that_has_a_name():
+    series = np.diff(np.random.default_rng(2).standard_normal(2000), n=2)
+    found = lb.allan_deviation(series, rate_hz=1.0, tau_s=[1.0], errors=True)
+    assert found.noise == ("white phase",)
+
+
+def test_a_series_with_a_gap_and_a_large_offset_has_the_allan_deviation_of_its_parts():
+    white = np.random.default_rng(3).standard_normal(400)
+    white[200] = np.nan
+    plain, high = (
+        lb.allan_deviation(white + c, rate_hz=1.0, tau_s=[1, 7, 150], errors=True)
+        for c in (0.0, 1e9)
+    )
+    np.testing.assert_allclose(high.deviation, plain.deviation, rtol=2e-7)
+    assert np.isnan(plain.deviation[2]) and np.isnan(plain.dof[2])
+    assert np.isnan(plain.interval[2]).all()
+    missing = lb.allan_deviation(np.full(9, np.nan), rate_hz=1.0, tau_s=[1], errors=True)
+    assert np.isnan(missing.deviation).all() and np.isnan(missing.dof).all()
+
+
+def test_the_confidence_of_an_allan_deviation_is_a_probability():
+    series, asked = moving(0.1, 300), {"rate_hz": 1.0, "tau_s": [1], "errors": True}
+    plain, given = (
+        lb.allan_deviation(series, **asked, **more).interval[0]
+        for more in ({}, {"confidence": 0.95})
+    )
+    np.testing.assert_array_equal(plain, given)
+    with pytest.raises(ValueError, match="confidence must be"):
+        lb.allan_deviation(series, **asked, confidence=1.01)
+
+
+@pytest.mark.parametrize("c", [0.01, 0.5, 3.0, 60.0, 150.0, 400.0])
 def test_the_gross_error_sensitivity_of_wide_losses_is_their_closed_form(c):
     """Largest pull of a bisquare, 16 c / (25 sqrt 5), over its mean slope on normal errors."""
 
@@ -43,7 +105,14 @@ def test_the_gross_error_sensitivity_of_wide_losses_is_their_closed_form(c):
 
 def test_a_bounded_pull_is_bounded_however_late():
     assert lb.gross_error_sensitivity(lb.Huber(1e7)) == pytest.approx(1e7, rel=1e-6)
+    assert lb.gross_error_sensitivity(lb.Huber(1.5e11)) == pytest.approx(1.5e11, rel=1e-6)
     assert lb.gross_error_sensitivity(lb.Huber(1e14)) == np.inf
+
+    class Slowly:
+        def weights(self, u):
+            return (1.0 + u**2) ** -0.325
+
+    assert lb.gross_error_sensitivity(Slowly()) == np.inf
 
 
 def test_rows_of_full_weight_are_not_called_doubted():

@@ -5,6 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import losbench as lb
+from losbench.optics.camera import project
+from losbench.pointing.attitude import solve
 from losbench.pointing.performance.intervals import freedom
 from losbench.pointing.performance.spectrum import spectrum
 from losbench.pointing.starcamera import (
@@ -256,3 +258,53 @@ def test_the_condition_of_a_layout_is_that_of_its_rows_and_two_spots_tell_a_foca
     assert np.isfinite(drift_from_spots(SQUARE, two, focal=True).delta).all()
     two[1] = np.nan
     assert np.isnan(drift_from_spots(SQUARE, two, focal=True).delta).all()
+
+
+# The exact solve
+
+WIDE = np.array(
+    [[200.0, 0.0, 260.0], [-200.0, 0.0, 260.0], [0.0, 200.0, 260.0], [0.0, -200.0, 260.0]]
+)
+
+
+def displaced(angles):
+    return (project(WIDE, angles) - WIDE)[..., :2]
+
+
+@pytest.fixture(scope="module")
+def unlikely():
+    """Shifts that no rotation makes, some of which drive spots out of sight."""
+    rng = np.random.default_rng(0)
+    sizes = 10 ** rng.uniform(1, 5, (40, 1, 1))
+    return rng.standard_normal((40, 4, 2)) * sizes
+
+
+def test_an_exact_solve_of_nonsense_gives_numbers_and_says_where_it_did_not_settle(unlikely):
+    shifts = np.concatenate([unlikely, displaced(np.array([[0.1, -0.2, 0.3]]))])
+    with pytest.warns(RuntimeWarning, match="attitudes did not converge"):
+        fit = lb.solve_attitude(WIDE, shifts, exact=True, solver="ls")
+    assert np.isfinite(fit.angles).all()
+    assert np.isfinite(project(WIDE, fit.angles)).all()
+    np.testing.assert_allclose(fit.angles[-1], [0.1, -0.2, 0.3], atol=1e-10)
+    assert fit.converged[-1] and 0 < fit.converged[:-1].sum() < 40
+    for angles, shift in zip(fit.angles[fit.converged], shifts[fit.converged], strict=True):
+        rows = lb.design_matrix(project(WIDE, angles))
+        step = lb.lstsq(rows, (WIDE[:, :2] + shift - project(WIDE, angles)[:, :2]).ravel()).x
+        assert np.abs(rows @ step).max() < 1e-8 * np.abs(rows @ angles).max()
+
+
+def test_a_round_of_the_exact_solve_turns_by_at_most_half_a_radian(monkeypatch, unlikely):
+    turned = []
+
+    def watched(points, angles):
+        turned.append(np.array(angles))
+        return project(points, angles)
+
+    monkeypatch.setattr(solve, "project", watched)
+    shifts = np.concatenate([displaced(np.array([[0.1, 0.0, 0.0]])), unlikely])
+    with pytest.warns(RuntimeWarning, match="attitudes did not converge"):
+        lb.solve_attitude(WIDE, shifts, exact=True, solver="ls")
+    length = np.linalg.norm(turned[1], axis=1)
+    assert length[0] < 0.2
+    assert length.max() == pytest.approx(0.5, abs=1e-9)
+    assert np.count_nonzero(length > 0.499) > 20
