@@ -1,14 +1,22 @@
 """Limits within the estimates, from either side: leverage, rank, what is shown, what tells noise."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.stats import chi2, norm
 
 import losbench as lb
 from losbench.estimation.allan import _exponent, _noises
 from losbench.estimation.breakdown import deletion_residuals
+from losbench.estimation.cells import QUANTILES
 from losbench.estimation.highbreakdown.search import Units, least, least_places
+from losbench.estimation.highbreakdown.trimmed import _KEPT, _truncated
 from losbench.estimation.memory import variance_sampling
 from losbench.estimation.robust.problem import read_problem
+from losbench.estimation.robust.scales import ScaleRule
+from losbench.estimation.smoothing import _most_likely
 from losbench.estimation.streams import Summary, _edges, _histogram
 
 
@@ -243,3 +251,105 @@ def test_a_summary_counts_what_it_left_out_and_finds_quantiles():
         few.quantiles(wanted), np.quantile(whole, wanted, axis=1).T, atol=0.02
     )
     np.testing.assert_array_equal(few.quantiles([0.0, 1.0])[:, 0], whole.min(axis=1))
+
+
+# Scales, covariances and searches
+
+
+def test_quantiles_of_a_study_are_one_and_three_sigma_of_a_gaussian():
+    np.testing.assert_allclose(QUANTILES, norm.cdf([-3, -1, 0, 1, 3]), atol=1e-5)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_cut_errors_are_as_much_smaller_as_a_chi_square_says(rows):
+    end = chi2(rows).ppf(0.9)
+    inside = quad(lambda q: q * chi2(rows).pdf(q), 0.0, end)[0] / 0.9 / rows
+    assert _truncated(0.9, rows) == pytest.approx(inside, rel=1e-6)
+
+
+def test_reweighting_keeps_single_rows_up_to_two_and_a_half_sigma():
+    assert norm.cdf(2.5) - norm.cdf(-2.5) == pytest.approx(_KEPT, abs=1e-5)
+
+
+@pytest.mark.parametrize("group", [None, np.arange(30) // 2])
+def test_the_covariance_of_an_mm_estimate_is_that_of_its_docstring(group):
+    """kappa^2 sum psi^2 / (n - p) / m^2 times mean(w) (A'WA)^-1, over two systems of one design."""
+    rng = np.random.default_rng(12)
+    design, y = rng.standard_normal((30, 2)), rng.standard_normal((2, 30)) * [[1.0], [7.0]]
+    y[:, 4] += 60.0
+    fits = lb.mm(design, y, group=group)
+    rows = 1 if group is None else 2
+    loss = lb.tuned(lb.Bisquare(), 0.95, rows=rows)
+    for k in range(2):
+        u, w = fits.residuals[k] / fits.scale[k], fits.weights[k]
+        size = np.sqrt((u**2).reshape(-1, rows).mean(axis=1)).repeat(rows)
+        slope = w + (loss.psi_deriv(size) - w) / rows
+        kappa = 1 + 2 * slope.var() / 29 / slope.mean() ** 2
+        spread = (w * fits.residuals[k]) @ (w * fits.residuals[k]) / 28 * w.mean()
+        inverse = np.linalg.inv(design.T @ (w[:, None] * design))
+        expected = spread * kappa**2 / slope.mean() ** 2 * inverse
+        np.testing.assert_allclose(fits.cov[k], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+@pytest.mark.parametrize("fit", [lb.mm, lb.lts])
+def test_a_scale_is_found_to_nine_digits_in_any_unit(fit, unit):
+    rng = np.random.default_rng(13)
+    design, y = rng.standard_normal((14, 3)), rng.standard_t(2, 14)
+    plain, other = fit(design, y), fit(design, unit * y)
+    assert other.scale / unit == pytest.approx(plain.scale, rel=1e-9)
+    np.testing.assert_allclose(other.x / unit, plain.x, rtol=1e-8, atol=1e-12)
+
+
+def test_one_system_with_rows_that_tell_the_same_leaves_the_others_of_its_batch_alone():
+    rng = np.random.default_rng(14)
+    design, y = rng.standard_normal((5, 9, 4)), rng.standard_normal((5, 9))
+    y[:, 2] += 40.0
+    design[3, :5, 0] = design[3, :5, 1]  # some subsets of it are singular
+    together = lb.lts(design, y)
+    for k in range(5):
+        alone = lb.lts(design[k], y[k])
+        np.testing.assert_array_equal(together.weights[k], alone.weights)
+        np.testing.assert_allclose(together.x[k], alone.x, rtol=1e-9)
+
+
+@pytest.mark.parametrize("p", [2, 3, 4])
+def test_an_unknown_of_next_to_no_weight_has_a_large_error(p):
+    """Two rows that contradict each other by a million scales see the last unknown alone."""
+    design = np.concatenate([np.eye(p)[: p - 1].repeat(6, axis=0), np.eye(p)[-1:], np.eye(p)[-1:]])
+    y = np.concatenate([np.random.default_rng(15).standard_normal(6 * (p - 1)), [1e6, -1e6]])
+    fit = lb.irls(design, y, loss=lb.Cauchy(1.0), scale=1.0, max_iter=1, on_fail="ignore")
+    assert fit.std_error[-1] == pytest.approx(1e6 / np.sqrt(2), rel=1e-3)
+    assert (fit.std_error[:-1] < 1.5).all()
+
+
+def test_a_row_that_a_millionth_touches_is_touched():
+    """Five rows say nothing about the slope; a sixth says a ten-millionth."""
+    x = np.array([0.0] * 5 + [1e-7, 1.0, 2.0, 3.0, 4.0])
+    assert lb.design_breakdown(np.column_stack([np.ones(10), x])).any == 2
+    x[5] = 0.0
+    assert lb.design_breakdown(np.column_stack([np.ones(10), x])).any == 1
+
+
+def test_a_pooled_scale_is_first_sought_where_the_residuals_put_it(monkeypatch):
+    rng = np.random.default_rng(16)
+    design, y = rng.standard_normal((9, 2)), rng.standard_t(3, (40, 9))
+    tried, at = [], ScaleRule.at
+    monkeypatch.setattr(ScaleRule, "at", lambda rule, size: tried.append(size) or at(rule, size))
+    lb.irls(design, y, scale="pooled")
+    left = [lb.irls(design, y, scale=size).residuals for size in tried[:1]]
+    assert tried[0] == pytest.approx(np.sqrt(np.mean(lb.lstsq(design, y).residuals ** 2)))
+    assert tried[1] == pytest.approx(np.sqrt(np.mean(left[0] ** 2)), rel=1e-6)
+
+
+@pytest.mark.parametrize(("apart", "converged"), [(0.009, True), (0.011, False)])
+def test_a_maximum_is_one_if_another_start_found_it_to_a_hundredth(apart, converged):
+    found = iter(
+        [
+            SimpleNamespace(llf=5.0, params=[1.0], mle_retvals={"converged": False}),
+            SimpleNamespace(llf=5.0 - apart, params=[2.0], mle_retvals={"converged": True}),
+        ]
+    )
+    model = SimpleNamespace(fit=lambda *_, **__: next(found))
+    best, settled = _most_likely(model)
+    assert (best.tolist(), settled) == ([1.0], converged)

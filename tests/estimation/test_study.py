@@ -160,6 +160,21 @@ def test_a_killed_study_goes_on_with_the_cells_that_stand_whole(tmp_path):
         lb.study(throw, grid, 100, seed=2, out=out, resume=True)
 
 
+def test_a_study_of_several_chunks_is_kept_whole(tmp_path):
+    calls = []
+
+    def trial(rng, size, shift):
+        calls.append(size)
+        return {"x": shift + rng.standard_normal(size)}
+
+    settings = {"grid": {"shift": range(3)}, "n": 100, "seed": 2, "chunk": 30}
+    whole = lb.study(trial, **settings, out=tmp_path / "out")
+    assert sorted(calls) == [10] * 3 + [30] * 9
+    calls.clear()
+    summaries_equal(lb.study(trial, **settings, out=tmp_path / "out", resume=True), whole)
+    assert not calls
+
+
 def test_two_studies_do_not_write_to_one_folder(tmp_path):
     def trial(rng, size):
         with pytest.raises(BlockingIOError, match="another run is writing to out"):

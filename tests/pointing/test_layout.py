@@ -2,6 +2,8 @@
 millisecond.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -132,3 +134,79 @@ def test_bad_input_is_one_line():
         given = {"n": 8, "sigma_px": 0.02, **arguments}
         with pytest.raises(ValueError, match=words):
             lb.design_layout(given.pop("n"), CAMERA, given.pop("sigma_px"), **given)
+
+
+def test_the_sensor_is_drawn_whole_with_every_spot_and_the_chosen_one():
+    from matplotlib.figure import Figure
+
+    found = lb.design_layout(4, CAMERA, 0.02, survives=1)
+    axes = Figure().subplots()
+    found.draw(axes, spot=2)
+    high, wide = CAMERA.shape
+    assert axes.get_xlim() == (0, wide - 1)
+    assert axes.get_ylim() == (high - 1, 0)
+    every, chosen = axes.get_lines()
+    np.testing.assert_array_equal(np.transpose(every.get_data()), found.xy_px)
+    np.testing.assert_array_equal(np.ravel(chosen.get_data()), found.xy_px[2])
+    lines, closed = axes.collections
+    assert lines.levels[0] == pytest.approx(1.01 * found.worst)
+    assert (np.diff(lines.levels) > 0).all()
+    assert closed.levels[0] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_layout_moved_by_one_spot_has_the_errors_of_the_map():
+    found = lb.design_layout(3, CAMERA, 0.02, wanted_arcsec=(0.1, 0.2, 3.0), stack=2)
+    places = np.array([[500.0, 300.0], [900.0, 700.0]])
+    for place, worst in zip(places, found.map(1, places), strict=True):
+        moved = found.xy_px.copy()
+        moved[1] = place
+        cov = lb.attitude_covariance(CAMERA.points_mm(moved), 0.02 * CAMERA.pixel_mm, stack=2)
+        errors = lb.units.rad_to_arcsec(np.sqrt(np.diag(cov))) / (0.1, 0.2, 3.0)
+        assert worst == pytest.approx(errors.max(), rel=1e-9)
+    assert found.map(1, found.xy_px[0]) == np.inf or found.map(1, found.xy_px[0]) > found.worst
+
+
+def test_a_layout_that_leaves_a_rotation_open_has_no_error():
+    found = lb.design_layout(2, CAMERA, 0.02)
+    assert found.map(0, found.xy_px[1]) == np.inf
+
+
+@pytest.mark.parametrize(("limit", "meets"), [(1.001, True), (0.999, False)])
+def test_what_is_wanted_is_met_up_to_its_limit(limit, meets):
+    found = lb.design_layout(3, CAMERA, 0.02)
+    wanted = np.full(3, limit * found.worst)
+    assert replace(found, wanted_arcsec=wanted).meets == meets
+    assert not replace(found, wanted_arcsec=wanted, wanted_survives=1).meets
+
+
+def test_directions_cover_half_a_sphere_evenly():
+    sphere = room._half_sphere(400)
+    np.testing.assert_allclose(np.linalg.norm(sphere, axis=1), 1.0)
+    assert (sphere[:, 2] > 0).all()
+    anywhere = np.random.default_rng(12).standard_normal((4000, 3))
+    anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
+    nearest = np.abs(anywhere @ sphere.T).max(axis=1)
+    assert np.degrees(np.arccos(nearest)).max() < 6.5  # a 400th of it is 4 degrees in radius
+
+
+def test_starts_fill_the_sensor_and_keep_their_distance():
+    ends = np.array([[20.0, 20.0], [1899.0, 1059.0]])
+    ring, *others = room._starts(4, ends, 300.0, np.random.default_rng(1))
+    middle = ends.mean(axis=0)
+    np.testing.assert_allclose(ring.mean(axis=0), middle, atol=1e-9)
+    np.testing.assert_allclose(np.hypot(*((ring - middle) / (ends[1] - middle)).T), 1.0, rtol=1e-12)
+    turn = np.sort(np.arctan2(*((ring - middle) / (ends[1] - middle)).T[::-1]))
+    np.testing.assert_allclose(np.diff(turn), np.pi / 2)
+    for layout in others:
+        gaps = np.linalg.norm(layout[:, None] - layout, axis=-1)[np.triu_indices(4, 1)]
+        assert gaps.min() >= 300.0
+        assert (layout >= ends[0]).all() and (layout <= ends[1]).all()
+
+
+def test_room_for_one_place_each_is_room():
+    """A sensor no larger than its margins has one place, and one spot alone fits there."""
+    tight = lb.Camera(focal_mm=260.0, pixel_um=10.0, shape=(41, 1920))
+    found = lb.design_layout(2, tight, 0.02)
+    assert found.xy_px[:, 1].tolist() == [20.0, 20.0]
+    with pytest.raises(ValueError, match="margin_px leaves no room on 1920 x 40 px"):
+        lb.design_layout(2, replace(tight, shape=(40, 1920)), 0.02)

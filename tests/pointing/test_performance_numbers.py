@@ -359,3 +359,34 @@ def test_the_factor_of_a_probability_is_its_two_sided_quantile(probability):
     assert stats.norm.cdf(factor) - stats.norm.cdf(-factor) == pytest.approx(probability)
     with pytest.raises(ValueError, match="probability"):
         lb.PointingRequirement("R", "APE", 1.0, probability=1.0)
+
+
+def test_one_limit_serves_every_axis_and_other_numbers_of_them_are_refused():
+    noise = lb.units.arcsec_to_rad(np.random.default_rng(20).standard_normal((4000, 3)))
+    found = lb.pointing_metrics(noise, 0.1 * np.arange(4000.0), 5.0)
+    assert found.verdict(lb.PointingRequirement("R", "RPE", 9.0)) == ("met",) * 3
+    with pytest.raises(ValueError, match="limit of R must be one number or 3, one per axis, got 2"):
+        found.verdict(lb.PointingRequirement("R", "RPE", (9.0, 9.0)))
+
+
+@pytest.mark.parametrize("sigma", [(np.nan, 1.0), (np.inf, 1.0), (-1.0, 1.0), (0.0, 0.0), (1.0,)])
+def test_a_half_cone_is_of_two_numbers(sigma):
+    with pytest.raises(ValueError, match="sigma must be two numbers, not negative, one positive"):
+        lb.half_cone(sigma)
+
+
+def test_a_requirement_is_of_95_percent_unless_it_says_so():
+    plain, said = (
+        lb.PointingRequirement("R", "APE", 1.0, **p) for p in ({}, {"probability": 0.95})
+    )
+    assert plain == said
+    assert lb.half_cone((1.0, 0.5)) == lb.half_cone((1.0, 0.5), 0.95)
+    error = np.random.default_rng(21).standard_normal(4000)
+    plain, said = lb.error_percentile(error, 0.9), lb.error_percentile(error, 0.9, confidence=0.95)
+    np.testing.assert_array_equal(plain[1], said[1])
+    plain, said = (
+        lb.pointing_metrics(error, 0.1 * np.arange(4000.0), 5.0, **asked).rpe.interval
+        for asked in ({}, {"confidence": 0.95, "route": "windows"})
+    )
+    np.testing.assert_array_equal(plain, said)
+    assert lb.mtf(smear=0.3) == pytest.approx(np.sinc(0.15))

@@ -308,3 +308,18 @@ def test_a_round_of_the_exact_solve_turns_by_at_most_half_a_radian(monkeypatch, 
     assert length[0] < 0.2
     assert length.max() == pytest.approx(0.5, abs=1e-9)
     assert np.count_nonzero(length > 0.499) > 20
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+@pytest.mark.parametrize("exact", [False, True])
+def test_frames_with_errors_of_their_own_are_solved_as_if_alone(frames, exact):
+    rng = np.random.default_rng(3)
+    shifts = displaced(1e-3 * rng.standard_normal((frames, 3))) + rng.standard_normal(
+        (frames, 4, 2)
+    )
+    sigma = rng.uniform(0.5, 2.0, shifts.shape)
+    together = lb.solve_attitude(WIDE, shifts, sigma=sigma, solver="ls", exact=exact)
+    for k in range(frames):
+        alone = lb.solve_attitude(WIDE, shifts[k], sigma=sigma[k], solver="ls", exact=exact)
+        np.testing.assert_allclose(together.angles[k], alone.angles, rtol=1e-7)
+        np.testing.assert_allclose(together.cov[k], alone.cov, rtol=1e-6)

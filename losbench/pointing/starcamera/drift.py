@@ -101,7 +101,7 @@ def drift_from_spots(
         return _with_focal(p, finite_or_nan("shifts", shifts), sigma)
     fit = solve_attitude(p, shifts, method="ls", sigma=sigma)
     return DriftFit(
-        -fit.angles, None, fit.cov, fit.residuals, _condition(design_matrix(p) / p[0, 2])
+        -fit.angles, None, fit.cov, fit.residuals, float(np.linalg.cond(design_matrix(p)))
     )
 
 
@@ -135,9 +135,5 @@ def _with_focal(p: Floats, shifts: Floats, sigma: ArrayLike | None) -> DriftFit:
         focal=found[:, 3].reshape(batch),
         cov=cov.reshape(*batch, 4, 4),
         residuals=residuals.reshape(shifts.shape),
-        condition=_condition(design / p[0, 2]),
+        condition=float(np.linalg.cond(design)),
     )
-
-
-def _condition(rows: Floats) -> float:
-    return float(np.linalg.cond(rows))
