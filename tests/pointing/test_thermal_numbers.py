@@ -9,11 +9,13 @@ from scipy import stats
 from statsmodels.stats.outliers_influence import variance_inflation_factor
 
 import losbench as lb
+from losbench.pointing.thermal import axis
 from losbench.pointing.thermal.axis import _collinearity, _thinning
 from losbench.pointing.thermal.correlated import Noise, has_memory
 from losbench.pointing.thermal.folds import YEAR_S, read_folds, sigma_about_zero
 from losbench.pointing.thermal.lag import lag_grid, lagged
 from losbench.pointing.thermal.notes import notes_of
+from losbench.pointing.thermal.ridge import ridge_sums
 from losbench.pointing.thermal.states import LackOfFit, lack_of_fit, lag_set, lag_state
 from losbench.pointing.thermal.terms import (
     Difference,
@@ -333,3 +335,136 @@ def test_baselines_of_days_need_a_longer_record():
     ):
         found = lb.cross_validate(model, y, {"room": room}, unit_s * t, folds=2)
         assert [name for name in found.baselines if name not in ("constant", "trend")] == names
+
+
+# Steps of an identification
+
+
+def wandering(n, memory, seed):
+    """Errors of which each keeps a share of the one before."""
+    errors = np.random.default_rng(seed).standard_normal(n)
+    for k in range(1, n):
+        errors[k] += memory * errors[k - 1]
+    return errors
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.7])
+def test_a_lag_is_judged_by_samples_that_count_as_their_correlation_says(memory, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        axis, "lag_set", lambda rss, n, r: asked.append((n, r)) or lag_set(rss, n, r)
+    )
+    t = 30.0 * np.arange(400.0)
+    room = np.interp(t, [2e3, 7e3], [18.0, 24.0])
+    angle = 1e-5 * lagged(room, t, 600.0) + 1e-7 * wandering(400, memory, 1)
+    found = lb.identify(Offset() + Lagged("room"), angle, {"room": room}, t)
+    left = found.residuals[np.isfinite(found.residuals) & ~found.rejected]
+    weights = found.weights[~found.rejected]
+    left = left * np.sqrt(weights)
+    ((n, r),) = asked
+    assert n == left.size
+    expected = max(left[1:] @ left[:-1] / (left @ left), 0.0)
+    assert r == pytest.approx(expected, abs=1e-6)
+    assert (r > 0.5) == (memory > 0)
+
+
+def test_a_choice_stops_below_a_gain_of_two_percent_and_after_eight():
+    rng = np.random.default_rng(2)
+    t = np.arange(3000.0)
+    sensors = {f"s{k}": rng.standard_normal(3000) for k in range(12)}
+    sizes = np.sqrt(np.geomspace(0.11, 0.015, 12))
+    angle = rng.standard_normal(3000) + sum(
+        size * sensor for size, sensor in zip(sizes, sensors.values(), strict=True)
+    )
+    terms = {name: Linear(name) for name in sensors}
+    every = lb.choose(terms, angle, sensors, t, folds=3, least_gain=0.0, at_most=12).path
+    sigma = np.array([s for _, s in every])
+    gain = 1 - sigma[1:] / sigma[:-1]
+    taken = lb.choose(terms, angle, sensors, t, folds=3, at_most=12).path
+    assert list(taken) == list(every[: len(taken)])
+    assert len(taken) == 1 + int(np.argmax(gain < 0.02))
+    assert np.count_nonzero((gain > 0.012) & (gain < 0.032)) >= 4
+    strong = {name: 9.0 * sensor for name, sensor in sensors.items()}
+    angle = rng.standard_normal(3000) + sum(strong.values())
+    assert len(lb.choose(terms, angle, strong, t, folds=3).path) == 1 + 8
+
+
+def test_three_folds_are_enough_for_a_choice_and_five_are_taken():
+    t = np.arange(60.0)
+    sensor, angle = np.sin(t / 3), np.random.default_rng(3).standard_normal(60)
+    model = {"s": Linear("s")}
+    assert lb.choose(model, angle, {"s": sensor}, t, folds=3).folds == 3
+    assert lb.choose(model, angle, {"s": sensor}, t).folds == 5
+    assert len(lb.cross_validate(Linear("s"), angle, {"s": sensor}, t).labels) == 5
+    with pytest.raises(ValueError, match="folds must be at least three"):
+        lb.choose(model, angle, {"s": sensor}, t, folds=2)
+
+
+@pytest.mark.parametrize("unit", [1e-15, 1.0, 1e15])
+def test_time_constants_follow_the_unit_of_capacity_and_nodes_without_a_path_have_none(unit):
+    network = lb.ThermalNetwork(
+        {"a": 3.0 * unit, "b": 5.0 * unit, "c": 2.0 * unit, "d": 7.0 * unit},
+        {("a", "b"): 0.7, ("c", "d"): 1.9},
+        {"a": 0.5},
+    )
+    slowest, *others = network.time_constants_s / unit
+    assert slowest == np.inf
+    matrix = np.array([[1.2, -0.7], [-0.7, 0.7]]) / np.array([[3.0], [5.0]])
+    expected = 1 / np.linalg.eigvals(matrix)
+    expected = np.sort([*expected, 1 / (1.9 / 2.0 + 1.9 / 7.0)])[::-1]
+    np.testing.assert_allclose(others, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("units", [(1.0, 1e-9), (1e9, 1.0), (1e-3, 1e-3)])
+@pytest.mark.parametrize("gain", [1e-6, 1.0, 1e6])
+def test_sums_over_all_lags_follow_the_units_of_every_column(units, gain):
+    t = 30.0 * np.arange(200.0)
+    room = np.interp(t, [1e3, 3e3], [0.0, 5.0])
+    bank = np.stack([lagged(room, t, tau) for tau in (0.0, 100.0, 400.0, 1500.0)], axis=1)
+    base = np.column_stack([np.ones(200), t / t[-1]])
+    y = bank @ [0.0, 1.0, 1.0, 0.0] + 0.05 * np.random.default_rng(4).standard_normal(200)
+    plain = ridge_sums(base, bank, np.ones((1, 4)), y, t, Noise())
+    other = ridge_sums(base * units, bank / gain, np.ones((1, 4)), y, t, Noise())
+    np.testing.assert_allclose(other.total / gain, plain.total, rtol=1e-5)
+    np.testing.assert_allclose(other.sigma / gain, plain.sigma, rtol=1e-4)
+    assert other.dof == plain.dof == 198
+    quiet = ridge_sums(base, bank, np.ones((1, 4)), y, t, Noise(1e-3, 1e8))
+    np.testing.assert_allclose(quiet.total, plain.total, rtol=1e-3)
+    assert abs(plain.total[0] - 2.0) < 4 * plain.sigma[0] < 0.5
+
+
+def test_a_sensitivity_with_a_lag_needs_a_sample_more():
+    t = 60.0 * np.arange(4.0)
+    celsius, angle = np.array([18.0, 19.0, 21.0, 20.0]), 1e-6 * np.array([1.0, 2.0, 4.0, 3.5])
+    for quadratic, fitted, samples in ((False, False, 3), (True, False, 4), (False, True, 4)):
+        given = {"quadratic": quadratic, "lag_s": "fit" if fitted else None}
+        enough = {"solver": "ls", "time_s": t[:samples], **given}
+        with pytest.raises(ValueError, match=f"more than {samples - 1} samples with a temperature"):
+            lb.fit_sensitivity(
+                celsius[: samples - 1],
+                angle[: samples - 1],
+                **(enough | {"time_s": t[: samples - 1]}),
+            )
+
+
+def test_a_cross_validation_is_told_in_milliarcseconds():
+    t = np.arange(90.0)
+    sensor = np.sin(t / 3)
+    angle = lb.units.arcsec_to_rad(sensor + 0.1 * np.random.default_rng(5).standard_normal(90))
+    found = lb.cross_validate(
+        Offset() + Linear("s") + Steps((15.0,)), angle, {"s": sensor}, t, folds=3
+    )
+    text = repr(found)
+    assert text.endswith("\nnot predictable: block 1")
+    number = f"{float(lb.units.rad_to_arcsec(found.sigma)):.3f}"
+    (row,) = (line for line in text.splitlines() if line.startswith("all"))
+    assert row.split()[1] == number.rstrip("0")
+
+
+def test_two_samples_before_are_enough_to_predict_a_constant():
+    t = np.arange(6.0)
+    angle = np.array([1.0, 1.2, 3.0, 3.2, 3.1, 3.3])
+    found = lb.cross_validate(Offset(), angle, {}, t, folds=[0, 0, 1, 1, 1, 1], horizon="forward")
+    errors = angle[2:] - 1.1
+    assert found.baselines["constant"] == pytest.approx(1.482602218505602 * np.median(errors))
+    assert np.isnan(found.baselines["trend"])

@@ -212,7 +212,7 @@ def _baselines(
     from losbench.estimation.robust import irls
 
     found = {}
-    centred = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1.0)
+    centred = time_s - time_s.mean()
     for name, degree in (("constant", 0), ("trend", 1)):
         errors = np.full(series.shape, np.nan)
         columns = centred[:, None] ** np.arange(degree + 1)
