@@ -77,7 +77,7 @@ class Mutant:
 
 
 def spared(node: ast.AST) -> bool:
-    """Whether it is a message, the look of a picture, or a choice of axes."""
+    """Whether it is a message, an assertion, the look of a picture, or a choice of axes."""
     match node:
         case ast.Call(func=ast.Attribute(attr="reshape")):
             return True
@@ -85,6 +85,8 @@ def spared(node: ast.AST) -> bool:
             return any(keyword.arg in LOOKS for keyword in keywords)
         case ast.keyword(arg="axis") | ast.Subscript(value=ast.Attribute(attr="shape")):
             return True  # an axis counted from the end is another way to say the same
+        case ast.keyword(arg="strict"):
+            return True  # it asserts, as of two lists that are made alike
     return isinstance(node, ast.Raise | ast.JoinedStr | ast.Assert)
 
 

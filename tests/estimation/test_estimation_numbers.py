@@ -291,7 +291,7 @@ def test_the_covariance_of_an_mm_estimate_is_that_of_its_docstring(group):
         np.testing.assert_allclose(fits.cov[k], expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("unit", [1e-9, 1e9])
+@pytest.mark.parametrize("unit", [1e-120, 1e-9, 1e9, 1e120])
 @pytest.mark.parametrize("fit", [lb.mm, lb.lts])
 def test_a_scale_is_found_to_nine_digits_in_any_unit(fit, unit):
     rng = np.random.default_rng(13)
@@ -299,6 +299,7 @@ def test_a_scale_is_found_to_nine_digits_in_any_unit(fit, unit):
     plain, other = fit(design, y), fit(design, unit * y)
     assert other.scale / unit == pytest.approx(plain.scale, rel=1e-9)
     np.testing.assert_allclose(other.x / unit, plain.x, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(other.std_error / unit, plain.std_error, rtol=1e-8)
 
 
 def test_one_system_with_rows_that_tell_the_same_leaves_the_others_of_its_batch_alone():
@@ -353,3 +354,24 @@ def test_a_maximum_is_one_if_another_start_found_it_to_a_hundredth(apart, conver
     model = SimpleNamespace(fit=lambda *_, **__: next(found))
     best, settled = _most_likely(model)
     assert (best.tolist(), settled) == ([1.0], converged)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_reweighting_keeps_as_many_good_units_as_it_says(rows):
+    y = np.random.default_rng(17).standard_normal(1500 * rows)
+    fit = lb.lts(np.ones((len(y), 1)), y, group=np.arange(len(y)) // rows, starts=20)
+    assert fit.weights.mean() == pytest.approx(_KEPT, abs=0.008)
+    assert fit.scale == pytest.approx(1.0, abs=0.06)
+
+
+def test_groups_that_see_a_plane_each_leave_a_direction_untouched():
+    rng = np.random.default_rng(18)
+    seen = rng.standard_normal((5, 3, 2)) @ rng.standard_normal((5, 2, 3))
+    assert lb.design_breakdown(seen.reshape(15, 3), group=np.arange(15) // 3).any == 1
+
+
+def test_a_design_that_is_kept_cannot_be_changed():
+    problem = read_problem(np.ones((4, 1)), np.zeros(4))
+    for array in (problem.basis, problem.to_x, problem.rank, problem.estimable):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0

@@ -95,9 +95,7 @@ def remove_aberration(
     across = np.cross(seen, moved)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
     angle = np.arctan2(sine[:, 0], np.vecdot(seen, moved))[:, None]
-    turn = Rotation.from_rotvec(
-        np.where(sine > 0, across / np.where(sine > 0, sine, 1.0) * angle, 0.0)
-    )
+    turn = Rotation.from_rotvec(across / np.where(sine > 0, sine, 1.0) * angle)
     stored = turn * attitudes.stored if convention.to_inertial else attitudes.stored * turn.inv()
     return attitudes.quaternions(stored)
 

@@ -136,6 +136,19 @@ def test_aberration_agrees_with_the_change_from_barycentric_to_geocentric_direct
     )
 
 
+@pytest.mark.parametrize("beta", [1e-4, 0.3])
+def test_aberration_at_right_angles_is_an_arc_sine(beta):
+    """Of the speed in that of light, towards the velocity; and none at rest."""
+    pytest.importorskip("astropy")
+    ahead = np.array([[0.0, beta * 299792.458, 0.0], [0.0, 0.0, 0.0]])
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    moved, rest = remove_aberration(still, ahead, convention=LAST)
+    angle = np.arcsin(beta)
+    found = Rotation.from_quat(moved).apply([0, 0, 1])
+    np.testing.assert_allclose(found, [0.0, np.sin(angle), np.cos(angle)], atol=1e-11)
+    np.testing.assert_array_equal(rest, still[1])
+
+
 def test_aberration_forth_and_back_and_in_every_convention():
     pytest.importorskip("astropy")
     stars = Rotation.random(10, rng=np.random.default_rng(6))
