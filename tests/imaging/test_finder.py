@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
+from scipy.special import ndtr
 
 import losbench as lb
 
@@ -130,6 +131,58 @@ def test_faint_spots_are_found_in_known_shares_and_nothing_else(sigma, noise, si
         assert (found.query(xy)[0] < 1.5).mean() == pytest.approx(share, abs=0.1)
         false += np.count_nonzero(KDTree(xy).query(found.data)[0] > 3.0)
     assert false <= 3e-6 * 5 * size**2
+
+
+@pytest.mark.parametrize(("noise", "size", "seed"), [(7.0, 600, 31415), (1.7, 900, 27182)])
+@pytest.mark.parametrize(
+    ("height", "least"), [(8, 0.0), (10, 0.0), (12, 0.19), (15, 0.59), (20, 0.99)]
+)
+def test_a_spot_in_one_pixel_is_found_as_often_as_that_rises_above_eight_noises(
+    height, least, noise, size, seed
+):
+    """Of sigma 0.5, anywhere on its pixel, against the chance that any of the four brightest does;
+    no less than was promised.
+    """
+    rng = np.random.default_rng([seed, height])
+    grid = np.stack(np.meshgrid(*[np.arange(20.0, size - 20.0, 20.0)] * 2), axis=-1)
+    xy = grid.reshape(-1, 2) + rng.uniform(-3.0, 3.0, (grid[..., 0].size, 2))
+    flux = height * 2 * np.pi * 0.5**2
+    image = lb.render_spots(xy, noise * flux, 0.5, (size, size))
+    found = lb.find_spots(image + rng.normal(200.0, noise, image.shape))
+    alone = lb.render_spots(10.0 + rng.uniform(-0.5, 0.5, (1000, 1, 2)), flux, 0.5, (21, 21))
+    four = np.sort(alone.reshape(1000, -1), axis=1)[:, -4:]
+    chance = float(np.mean(1.0 - np.prod(ndtr(8.0 - four), axis=1)))
+    share = np.mean(KDTree(found).query(xy)[0] < 1.5) if len(found) else 0.0
+    # The light of so many spots raises the noise of the frame by a percent or two.
+    assert chance - 0.08 < share < chance + 0.04 and share >= least - 0.03
+    assert len(found) == 0 or np.count_nonzero(KDTree(xy).query(found)[0] > 3.0) <= 3e-6 * size**2
+
+
+@pytest.mark.parametrize(
+    ("noise", "shape", "seed"), [(7.0, (640, 700), 16180), (1.7, (900, 800), 14142)]
+)
+@pytest.mark.parametrize(
+    ("sigma", "height", "least"), [(1.5, 3, 0.13), (1.5, 5, 0.99), (3.0, 3, 0.99), (3.0, 5, 0.99)]
+)
+def test_smoothing_by_their_own_width_finds_spots_of_three_to_five_noises(
+    sigma, height, least, noise, shape, seed
+):
+    """On a field that is not crowded: fourteen sigma apart. Of three noises and sigma 1.5 a fifth,
+    within the scatter of 200 spots.
+    """
+    rng = np.random.default_rng([seed, height])
+    pitch = 14.0 * sigma + 6.0
+    grid = np.stack(
+        np.meshgrid(*[np.arange(25.0, side - 25.0, pitch) for side in shape[::-1]]), axis=-1
+    )
+    xy = grid.reshape(-1, 2) + rng.uniform(-3.0, 3.0, (grid[..., 0].size, 2))
+    light = lb.render_spots(xy, height * noise * 2 * np.pi * sigma**2, sigma, shape)
+    image = np.rint(light + rng.normal(200.0, noise, shape)).astype(np.uint16)
+    found = KDTree(lb.find_spots(image, smooth=sigma))
+    assert (found.query(xy)[0] < 0.5 * sigma + 1.2).mean() >= least
+    assert np.count_nonzero(KDTree(xy).query(found.data)[0] > 3.0 + sigma) <= 3e-6 * image.size
+    plain = lb.find_spots(image)
+    assert len(plain) < 0.1 * len(xy)
 
 
 def test_unread_pixels_are_not_spots():
