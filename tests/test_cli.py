@@ -47,11 +47,13 @@ def test_the_notebooks_are_copied_to_work_in_and_nothing_is_overwritten(tmp_path
     assert main(["notebooks", str(tmp_path / "mine")]) == 2
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_quiet_says_nothing(twin, tmp_path, capsys):
     assert measure(twin, tmp_path / "out", "--quiet") == 0
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_existing_folder_is_kept_unless_forced(twin, tmp_path, capsys):
     (tmp_path / "notes.txt").write_text("mine")
     assert measure(twin, tmp_path) == 2
@@ -74,6 +76,7 @@ def test_a_forced_simulation_leaves_no_frame_of_an_earlier_one(tmp_path):
     assert lb.read_recording(tmp_path / "frames", times=tmp_path / "times.csv").n_frames == 2
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_pair_s_telemetry_is_simulated_and_corrected(tmp_path, capsys):
     assert main(["simulate", "--paper", "ren2023", "--out", str(tmp_path / "pair"), "--quiet"]) == 0
     telemetry = tmp_path / "pair" / "telemetry.csv"

@@ -82,6 +82,7 @@ def test_a_report_keeps_its_schema_and_says_its_units(commands, kind, tmp_path, 
     assert kind == "telemetry" or "T_$1$_&lt;b&gt;" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("kind", ["measurement", "telemetry"])
 def test_the_schema_refuses_a_report_that_lacks_what_it_promises(commands, kind, tmp_path):
     assert main([*commands[kind], "--out", str(tmp_path / "out"), "--quiet"]) == 0
@@ -96,6 +97,7 @@ def test_the_schema_is_one():
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_quiet_json_prints_the_report_alone(commands, tmp_path, capsys):
     command = [*commands["telemetry"], "--out", str(tmp_path / "out"), "--json", "--quiet"]
     assert main(command) == 0

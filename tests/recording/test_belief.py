@@ -121,6 +121,7 @@ def test_another_number_of_frames_is_no_second_opinion():
         lb.measure(recording()).belief(lb.measure(recording(n=20)))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_belief_is_in_the_report_and_shows_itself(tmp_path):
     run = recording(n=40)
     measured = lb.measure(run, CAMERA)

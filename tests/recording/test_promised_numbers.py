@@ -82,6 +82,7 @@ def drifting(n, span_degC):
     return recording, log
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("n", "span_degC", "told"),
     [(9, 5.0, False), (10, 5.0, True), (12, 0.49, False), (12, 0.51, True)],

@@ -138,7 +138,7 @@ def test_another_seed_is_another_picture(scene):
         assert "seed 1" in scene.stated
 
 
-def test_closing_leaves_nothing_behind(kind):
+def test_closing_leaves_nothing_behind(kind, only_new_rubbish):
     before = set(_instances)
     scene = kind()
     figure = weakref.ref(scene._picture._figure)
@@ -167,6 +167,7 @@ def test_the_code_runs_and_gives_the_numbers_shown(kind, scene):
     for preset in ({}, *scene.presets.values()):
         scene.reset()
         numbers = put(scene, **preset)
+        assert scene.view.code == scene.code(**scene.settings)
         with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
             warnings.filterwarnings("ignore", ".*did not converge")
             exec(compile(scene.view.code, "<copied>", "exec"), {})
