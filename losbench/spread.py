@@ -137,16 +137,16 @@ class _Elsewhere:
 @cache
 def _settle_in() -> None:
     """Once a process: keep memory that is used again, and end when the parent ends."""
-    # Dask's workers set this, and glibc then maps every array above 128 kB anew, page by page: up
-    # to double the processor time.
-    if os.environ.get("MALLOC_TRIM_THRESHOLD_") == "65536":
+    parent = multiprocessing.parent_process()
+    # A fresh process hands every array above 128 kB back to the system and maps the next one anew,
+    # page by page: up to double the processor time. Dask's workers ask for it by this variable.
+    if parent is not None or os.environ.get("MALLOC_TRIM_THRESHOLD_") == "65536":
         with suppress(OSError, AttributeError, TypeError):
             libc = ctypes.CDLL(None)
             libc.mallopt(_M_TRIM_THRESHOLD, 2**28)
             libc.mallopt(_M_MMAP_THRESHOLD, 2**25)
     # Workers of a pool whose owner was killed would wait for ever, with its lock if they were
     # forked.
-    parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 

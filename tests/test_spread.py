@@ -10,6 +10,7 @@ import time
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -96,17 +97,28 @@ def test_an_executor_must_be_one():
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's own")
-def test_the_allocator_is_set_only_where_dask_changed_it(monkeypatch):
+@pytest.mark.parametrize(
+    ("pooled", "variable", "expected"),
+    [
+        (False, "", []),
+        (False, "65536", [(-1, 2**28), (-3, 2**25)]),
+        (True, "", [(-1, 2**28), (-3, 2**25)]),
+    ],
+)
+def test_the_allocator_is_set_in_workers_alone(monkeypatch, pooled, variable, expected):
     calls = []
     monkeypatch.setattr(
         spread_module.ctypes,
         "CDLL",
         lambda name: type("libc", (), {"mallopt": staticmethod(lambda *set_: calls.append(set_))}),
     )
-    for given, expected in [("", []), ("65536", [(-1, 2**28), (-3, 2**25)])]:
-        monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", given)
-        spread_module._settle_in.__wrapped__()
-        assert calls == expected
+    monkeypatch.setattr(
+        spread_module.multiprocessing, "parent_process", lambda: object() if pooled else None
+    )
+    monkeypatch.setattr(spread_module.threading, "Thread", MagicMock())
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", variable)
+    spread_module._settle_in.__wrapped__()
+    assert calls == expected
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills a process as POSIX does")
