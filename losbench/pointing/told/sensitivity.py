@@ -1,8 +1,4 @@
-"""What reports say of sensitivities and pointing metrics: numbers, sentences, sections, pictures.
-
-The series that they are about have names: a key for files, and words for sentences, as
-``{"alpha": "about X"}``.
-"""
+"""What reports say of a sensitivity to temperature."""
 
 from __future__ import annotations
 
@@ -15,40 +11,21 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats
 from losbench.page import section, sentences, table
-from losbench.pointing.performance import PointingMetrics
 from losbench.pointing.thermal import Identification, identify
 from losbench.pointing.thermal.terms import Lagged, Linear, Offset
+from losbench.pointing.told.numbers import between, finite, short, together
 from losbench.units import arcsec_to_rad, rad_to_arcsec
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = [
-    "METRICS",
-    "Sensitivity",
-    "compensated_figure",
-    "finite",
-    "metric_numbers",
-    "metric_sentences",
-    "metrics_figure",
-    "metrics_section",
-    "sensitivity_section",
-    "sensitivity_to",
-    "table_of",
-]
+__all__ = ["Sensitivity", "compensated_figure", "sensitivity_section", "sensitivity_to"]
 
-METRICS = ("ape", "mpe", "rpe", "smear", "jitter")
 _FEWEST = 10  # samples with a temperature, for a sensitivity
 _SMALLEST_RANGE_DEGC = 0.5
 _SHORTEST_LAG = 0.2  # median steps; a lag that may be shorter is none
 _MANY = 3000  # points of a line, beyond which it is drawn as an image
-_MARKS = "os^D"
-_MEANING = (
-    "One sigma (rms), as ECSS-E-ST-60-10C names them. APE: all of the error; MPE: that of a "
-    "window's mean; RPE: what moves within a window, of which smear is the straight motion and "
-    "jitter the rest."
-)
 
 
 @dataclass(frozen=True)
@@ -184,42 +161,6 @@ def sensitivity_to(
     return Sensitivity(column, names, found, np.asarray(used), predicted, shortest_s)
 
 
-def metric_numbers(found: PointingMetrics, names: Mapping[str, str]) -> dict[str, Any]:
-    """Metrics as report.json has them."""
-    series: dict[str, dict[str, Any]] = {}
-    for i, key in enumerate(names):
-        series[key] = {}
-        for name in METRICS:
-            metric = getattr(found, name)
-            interval = rad_to_arcsec(metric.interval[i])
-            series[key][f"{name}_arcsec"] = finite(float(rad_to_arcsec(metric.value[i])))
-            series[key][f"{name}_interval_95_arcsec"] = [finite(v) for v in interval]
-    return {
-        "window_s": finite(found.window_s),
-        "windows": found.windows,
-        "dropped": found.dropped,
-        "series": series,
-        "notes": list(found.notes),
-    }
-
-
-def metric_sentences(found: PointingMetrics, names: Mapping[str, str]) -> list[str]:
-    """Say the metrics, a series a line."""
-    lines = []
-    for i, name in enumerate(names.values()):
-        parts = []
-        for key in METRICS:
-            metric = getattr(found, key)
-            low, high = rad_to_arcsec(metric.interval[i])
-            between = f" ({low:.3g} to {high:.3g})" if np.isfinite(low) else " (no interval)"
-            parts.append(f"{_word(key)} {float(rad_to_arcsec(metric.value[i])):.3g}{between}")
-        lines.append(
-            f"Pointing {name} in windows of {found.window_s:.4g} s, arcsec (95 %): "
-            + ", ".join(parts)
-        )
-    return lines
-
-
 def sensitivity_section(fit: Sensitivity, *drawn: str, title: str = "") -> str:
     """Of a page: a row a series, whether to trust it, and pictures."""
     heads = [
@@ -235,14 +176,14 @@ def sensitivity_section(fit: Sensitivity, *drawn: str, title: str = "") -> str:
     ]
     rows = [
         [
-            _together(fit.names[key]),
-            _short(each["arcsec_per_degC"]),
-            _between(*each["interval_95_arcsec_per_degC"]),
-            _short(each["one_lag_arcsec_per_degC"]),
+            together(fit.names[key]),
+            short(each["arcsec_per_degC"]),
+            between(*each["interval_95_arcsec_per_degC"]),
+            short(each["one_lag_arcsec_per_degC"]),
             "" if each["lag_s"] is None else f"{each['lag_s']:.0f}",
             each["lag_state"],
             "" if each["one_lag_p_value"] is None else f"{each['one_lag_p_value']:.2g}",
-            _short(each["rms_arcsec"]),
+            short(each["rms_arcsec"]),
             each["set_aside"],
         ]
         for key, each in fit.numbers().items()
@@ -253,55 +194,6 @@ def sensitivity_section(fit: Sensitivity, *drawn: str, title: str = "") -> str:
         sentences(fit.notes()),
         *drawn,
     )
-
-
-def metrics_section(
-    found: PointingMetrics, names: Mapping[str, str], *drawn: str, title: str = ""
-) -> str:
-    """Of a page: a row a metric, and pictures."""
-    rows = []
-    for key in METRICS:
-        metric = getattr(found, key)
-        cells = [
-            (
-                _short(float(rad_to_arcsec(metric.value[i]))),
-                _between(*map(float, rad_to_arcsec(metric.interval[i]))),
-            )
-            for i in range(len(names))
-        ]
-        rows.append([_word(key), *(cell for row in cells for cell in row)])
-    ends = (" (arcsec)", ", 95 %")
-    heads = ["metric", *(f"{name}{end}" for name in names.values() for end in ends)]
-    caption = (
-        f"Over {found.windows} windows of {found.window_s:.4g} s, with 95 % intervals; "
-        f"{found.dropped} dropped for gaps"
-    )
-    return section(
-        f"Pointing metrics{title}",
-        table(heads, rows, caption=caption),
-        sentences([_MEANING, *found.notes]),
-        *drawn,
-    )
-
-
-def metrics_figure(found: PointingMetrics, names: Mapping[str, str]) -> Figure:
-    """Each pointing metric of each series with its interval."""
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(8.0, 3.4))
-    axis = fig.subplots()
-    place = np.arange(len(METRICS))
-    metrics = [getattr(found, key) for key in METRICS]
-    for i, (name, mark) in enumerate(zip(names.values(), _MARKS, strict=False)):
-        value = rad_to_arcsec(np.array([metric.value[i] for metric in metrics]))
-        low, high = rad_to_arcsec(np.array([metric.interval[i] for metric in metrics])).T
-        at = place + 0.18 * (i - 0.5 * (len(names) - 1))
-        (line,) = axis.plot(at, value, mark, ms=5, label=name)
-        axis.vlines(at, low, high, color=line.get_color(), lw=1.5)
-    axis.set_xticks(place, [_word(key) for key in METRICS])
-    axis.set(ylabel=f"windows of {found.window_s:.4g} s (arcsec)", yscale="log")
-    axis.legend(ncols=3)
-    return fig
 
 
 def compensated_figure(
@@ -330,38 +222,3 @@ def compensated_figure(
     for axis in axes[-1]:
         axis.set_xlabel(label)
     return fig
-
-
-def table_of(frame: pd.DataFrame, names: Mapping[str, str]) -> str:
-    """CSV of a table of `Identification` or `PointingMetrics`, its axes by their keys."""
-    keys = list(names)
-    named = frame.assign(axis=[keys[i - 1] for i in frame["axis"]])
-    return str(named.to_csv(index=False, lineterminator="\n", float_format="%.9g"))
-
-
-def finite(value: float, digits: int = 6) -> float | None:
-    """Return a number for a file, None where there is none: JSON knows no NaN."""
-    return round(float(value), digits) if np.isfinite(value) else None
-
-
-def _short(value: float | None) -> str:
-    return "" if value is None or not np.isfinite(value) else _digits(value)
-
-
-def _digits(value: float) -> str:
-    return f"{value:#.3g}".rstrip(".")
-
-
-def _between(low: float | None, high: float | None) -> str:
-    if low is None or high is None or not np.isfinite([low, high]).all():
-        return ""
-    return _together(f"{_digits(low)} to {_digits(high)}")
-
-
-def _together(text: str) -> str:
-    """Text that a narrow column does not break."""
-    return text.replace(" ", "\N{NO-BREAK SPACE}")
-
-
-def _word(key: str) -> str:
-    return key.upper() if len(key) == 3 else key
