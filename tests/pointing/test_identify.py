@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 import losbench as lb
 from losbench.papers.liu2026 import ThermalBench, warm_up
-from losbench.pointing.thermal.correlated import Noise, fit_noise, generalised
+from losbench.pointing.thermal.correlated import Noise, _reml, fit_noise, generalised
 from losbench.pointing.thermal.lag import lag_grid, lagged
 from losbench.pointing.thermal.ridge import ridge_sums
 from losbench.pointing.thermal.terms import (
@@ -76,6 +76,52 @@ def test_the_noise_comes_back():
     assert fit_noise(np.ones((8 * n, 1)), long, np.arange(8.0 * n)).tau_s == pytest.approx(
         20.0, rel=0.3
     )
+
+
+def in_bursts(rng, spread, count=8, each=80):
+    """Bursts of 80 samples over two months, each with an error of its own beside white noise."""
+    t = (np.linspace(0.0, 5e6, count)[:, None] + 0.125 * np.arange(each)).ravel()
+    errors = 0.6 * rng.standard_normal(t.size)
+    return t, errors + np.repeat(spread * rng.standard_normal(count), each)
+
+
+def test_directions_that_rounding_makes_change_no_noise():
+    t, y = in_bursts(np.random.default_rng(6), 0.3)
+    columns = np.vander(t / t[-1], 4)
+    alone = fit_noise(columns, y, t)
+    for twin in (columns[:, 1] * (1.0 + 1e-16), columns @ [0.3, -0.1, 0.7, 0.2]):
+        assert fit_noise(np.column_stack([columns, twin]), y, t).tau_s == pytest.approx(
+            alone.tau_s, rel=1e-3
+        )
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.5])
+def test_intervals_hold_where_a_short_memory_and_a_long_one_explain_a_record_as_well(spread):
+    rng, hits = np.random.default_rng(5), []
+    for _ in range(40):
+        t, errors = in_bursts(rng, spread)
+        room = 20.0 + 8.0 * t / 5e6
+        y = arcsec_to_rad(0.5 * lagged(room - 20.0, t, 4.0) + errors)
+        found = lb.identify(Offset() + Lagged("room", tau_s="spectrum"), y, {"room": room}, t)
+        low, high = found.interval[0]
+        hits.append(low < 0.5 < high)
+    assert np.mean(hits) >= 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 40)
+
+
+def test_a_long_memory_is_taken_unless_the_short_one_is_ten_times_as_likely():
+    rng, differences = np.random.default_rng(8), []
+    for _ in range(30):
+        t, y = in_bursts(rng, 0.2)
+        basis = np.linalg.qr(np.vander(t / t[-1], 6))[0]
+        both = np.column_stack([basis, y - basis @ (basis.T @ y)])
+        taken = fit_noise(basis, y, t)
+        grid = np.geomspace(0.1, 5e6, 24)
+        cost = [
+            min(_reml(both, t, Noise(tau, w)) for w in np.geomspace(1e-4, 1e3, 14)) for tau in grid
+        ]
+        differences.append(_reml(both, t, taken) - min(cost))
+    assert max(differences) < 4.6 + 0.2
+    assert any(one > 1.0 for one in differences)
 
 
 def test_terms_add_and_make_their_columns():
