@@ -269,39 +269,70 @@ def lag_states(runs: int, seed: int) -> Iterator[str]:
 METRICS = ("ape", "mpe", "rpe", "smear", "jitter", "pde")
 
 
-def metric_cases():
-    """Records of 16 384 samples at 10 Hz, and the power of each sample's spectrum by frequency."""
+@dataclass(frozen=True)
+class Noise:
+    """Records of 16 384 samples at 10 Hz: a process with a memory, and a line on it."""
 
-    def process(tau_s):
-        a = np.exp(-0.1 / tau_s) if tau_s else 0.0
-        long = 4000
-        return (
-            lambda rng: lfilter([np.sqrt(1 - a * a)], [1, -a], rng.standard_normal(16_384 + long))[
-                -16_384:
-            ],
-            lambda f: 0.2 * (1 - a * a) / np.abs(1 - a * np.exp(-0.2j * np.pi * f)) ** 2,
-        )
+    name: str
+    tau_s: float = 0.0
+    heavy: bool = False
+    line: float = 0.0  # amplitude, at 0.83 Hz
 
-    heavy = lambda rng: rng.standard_t(5, 16_384) / np.sqrt(5 / 3)  # noqa: E731
-    yield "metrics, white", *process(0.0)
-    yield "metrics, memory 2 s", *process(2.0)
-    yield "metrics, memory 30 s", *process(30.0)
-    yield "metrics, heavy tails", heavy, process(0.0)[1]
+    def draw(self, rng):
+        """One record."""
+        n, long, a = 16_384, 4000, self.pole
+        if self.heavy:
+            return rng.standard_t(5, n) / np.sqrt(5 / 3)
+        noise = lfilter([np.sqrt(1 - a * a)], [1, -a], rng.standard_normal(n + long))[-n:]
+        phase = 2 * np.pi * (LINE_HZ * 0.1 * np.arange(n) + rng.random())
+        return noise + self.line * np.sin(phase)
+
+    @property
+    def pole(self):
+        """What a sample keeps of the one before."""
+        return np.exp(-0.1 / self.tau_s) if self.tau_s else 0.0
+
+    def truths(self):
+        """Each metric's, the integral of the spectrum in its weights, windows of 5 s, 25 s apart."""
+        f, a = np.linspace(0.0, 5.0, 400_001), self.pole
+        density = 0.2 * (1 - a * a) / np.abs(1 - a * np.exp(-0.2j * np.pi * f)) ** 2
+        table, at_line = weights(f, 0.1, 50, 250), weights(np.array([LINE_HZ]), 0.1, 50, 250)
+        square = [
+            np.trapezoid(density * table[m], f) + 0.5 * self.line**2 * at_line[m].item()
+            for m in METRICS
+        ]
+        return np.sqrt(square)
 
 
-def judge_metrics(name, draw, density, runs: int, seed: int) -> str:
-    """Coverage of six metrics, windows of 5 s, 25 s apart; the truth is the spectrum's integral."""
-    frequency = np.linspace(0.0, 5.0, 400_001)
-    table = weights(frequency, 0.1, 50, 250)
-    truth = np.sqrt([np.trapezoid(density(frequency) * table[m], frequency) for m in METRICS])
-    rng, t, hits = np.random.default_rng(seed), 0.1 * np.arange(16_384), []
+LINE_HZ = 0.83
+METRICS = ("ape", "mpe", "rpe", "smear", "jitter", "pde")
+NOISES = (
+    Noise("metrics, white"),
+    Noise("metrics, memory 2 s", 2.0),
+    Noise("metrics, memory 30 s", 30.0),
+    Noise("metrics, heavy tails", heavy=True),
+    Noise("metrics, memory 2 s and a line", 2.0, line=1.0),
+)
+
+
+def judge_metrics(case: Noise, runs: int, seed: int) -> str:
+    """Coverage of six metrics: 92 % at least, and above 97 % only what says that it is
+    conservative.
+    """
+    truth, rng, hits, said = case.truths(), np.random.default_rng(seed), [], []
     for _ in range(runs):
-        found = lb.pointing_metrics(draw(rng), t, 5.0, 25.0)
+        found = lb.pointing_metrics(case.draw(rng), 0.1 * np.arange(16_384), 5.0, 25.0)
         low, high = np.transpose([getattr(found, m).interval for m in METRICS])
         hits.append((low <= truth) & (truth <= high))
-    share = np.mean(hits, axis=0)
-    ok = (share >= 0.92 - 3.0 * np.sqrt(0.95 * 0.05 / runs)).all()
-    return f"{name:44s} {' '.join(f'{v:.3f}' for v in share)}  {'ok' if ok else 'MISSED'}"
+        notes = " ".join(note for note in found.notes if "conservative" in note)
+        said.append([m in notes.split(" are ")[0].lower() for m in METRICS])
+    share, slack = np.mean(hits, axis=0), 3.0 * np.sqrt(0.95 * 0.05 / runs)
+    honest = (share <= 0.97 + slack) | (np.mean(said, axis=0) > 0.5)
+    ok = (share >= 0.92 - slack).all() and honest.all()
+    marked = ", ".join(m for m, s in zip(METRICS, np.mean(said, axis=0), strict=True) if s > 0.5)
+    told = f"  conservative: {marked}" if marked else ""
+    shares = " ".join(f"{v:.3f}" for v in share)
+    return f"{case.name:44s} {shares}{told}  {'ok' if ok else 'MISSED'}"
 
 
 def row_of(line: str) -> dict[str, str]:
@@ -336,8 +367,8 @@ if __name__ == "__main__":
     if options.only in "states":
         for line in lag_states(options.runs, SEED + 200):
             say(line)
-    for place, (name, draw, density) in enumerate(metric_cases()):
-        if options.only in name:
-            say(judge_metrics(name, draw, density, options.runs, SEED + 100 + place))
+    for place, noise in enumerate(NOISES):
+        if options.only in noise.name:
+            say(judge_metrics(noise, options.runs, SEED + 100 + place))
     record("coverage", rows)
     sys.exit(missed)
