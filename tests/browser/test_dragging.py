@@ -9,7 +9,7 @@ import pytest
 from explorer_page import ExplorerPage
 from lab import ask_kernel, asked_outside, notebook, raised, settle, use_size, use_theme
 
-pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
+pytestmark = pytest.mark.browser
 
 KINDS = ("DragPoint", "YourLayout", "CentroidExplorer", "ChainExplorer")
 _IMPORT = (

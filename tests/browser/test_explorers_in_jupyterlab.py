@@ -12,7 +12,7 @@ from lab import asked_outside, raised, settle, use_size, use_theme
 from losbench.resources import notebook_folder
 from losbench.workbench import explorers
 
-pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
+pytestmark = pytest.mark.browser
 
 HOLDING = "Explorer("
 

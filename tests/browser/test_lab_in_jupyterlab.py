@@ -10,7 +10,7 @@ from lab import asked_outside, raised, settle, use_size, use_theme
 
 from losbench.workbench.explorers import lab as scenes
 
-pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
+pytestmark = pytest.mark.browser
 
 NOTEBOOK = "20-robust-estimation-lab.ipynb"
 ORDER = [

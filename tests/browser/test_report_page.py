@@ -5,7 +5,7 @@ import pytest
 
 import losbench as lb
 
-pytestmark = [pytest.mark.browser, pytest.mark.xdist_group("browser")]
+pytestmark = pytest.mark.browser
 
 # Contrast of two colours as WCAG 2 has it, of every text against the page.
 _CONTRAST = """() => {

@@ -95,7 +95,11 @@ def test_heat_that_is_stored_is_what_came_less_what_went(camera):
     weight = np.tile([2.0, 4.0], 1001)[:-1]
     weight[[0, -1]] = 1.0
     assert stored > 100.0
-    assert stored == pytest.approx(weight @ flow * (time[1] - time[0]) / 3, rel=1e-8)
+    # What LAPACK leaves of the slowest rate, beside the fastest: 5e-7 at most, 1e-8 or 2e-8 as found.
+    rates = modes.rates_per_s
+    rounding = rates.size * np.finfo(float).eps * rates.max() / rates.min()
+    assert rounding < 1e-6
+    assert stored == pytest.approx(weight @ flow * (time[1] - time[0]) / 3, rel=rounding)
 
 
 def test_the_emissivity_that_balances_twenty_degrees(camera):
