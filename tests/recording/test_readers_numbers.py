@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import files_of_frames as write
 import numpy as np
 import pandas as pd
 import pytest
@@ -149,6 +150,26 @@ def test_headers_say_what_the_first_of_them_says():
     assert _date({"DATE-OBS": "2026-01-02"}) is None and _date({"TIME-OBS": "03:04"}) is None
     both = {"DATE-OBS": "2026-01-02T03:04:05", "TIME-OBS": "06:07:08"}
     assert _date(both) == "2026-01-02T03:04:05"
+
+
+# Stacks in one page of a TIFF
+
+
+@pytest.mark.parametrize(("photometric", "bits"), [(1, 16), (0, 16), (1, 12)])
+def test_a_stack_in_one_page_is_black_as_zero_and_of_whole_bytes_or_refused(
+    tmp_path, photometric, bits
+):
+    frames = RNG.integers(0, 900, (6, 20, 32)).astype(np.uint16)
+    path, depth = tmp_path / "a.tif", {32997: 6}
+    body = frames.tobytes()[: frames.nbytes * bits // 16]
+    write.tiff(path, [(body, 20, 32)], tags=depth, photometric=photometric, bits=bits)
+    if (photometric, bits) == (1, 16):
+        found = lb.open_frames(path)
+        np.testing.assert_array_equal(found.read(0, 6), frames)
+        assert found.n_frames == 6
+    else:
+        with pytest.raises(lb.UnreadableFrame, match=r"a.tif cannot be read: .* in one page"):
+            lb.open_frames(path)
 
 
 # The order of bytes of a SER file
