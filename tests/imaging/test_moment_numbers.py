@@ -1,12 +1,23 @@
 """The width of a spot step by step: aperture, ring, moments, and the light of others, from either side."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 import losbench as lb
+from losbench.imaging import moment
 from losbench.imaging.aperture import _Aperture, _around, aperture_sigma
-from losbench.imaging.moment import _Light, _long_arm, _matched, _square, plane_under
+from losbench.imaging.moment import (
+    _kept_variance,
+    _Light,
+    _long_arm,
+    _matched,
+    _square,
+    moment_sigma,
+    plane_under,
+)
 from losbench.imaging.ownlight import without_hot, without_others
 
 RNG = np.random.default_rng(57)
@@ -116,7 +127,7 @@ def test_the_error_of_a_moment_is_that_of_its_pixels_and_of_the_level():
 @pytest.mark.parametrize("sigma", [(1.5, 1.5), (1.2, 2.6), (4.0, 3.0)])
 @pytest.mark.parametrize("begin", [0.7, 1.0, 1.4])
 def test_a_gaussian_is_told_by_the_moments_that_it_weighs_itself(sigma, begin):
-    at = np.array([30.3, 29.6])
+    at = np.array([30.3, 26.6])
     light = spot(sigma, at, (61, 61))
     seen = _Light(light, np.arange(61.0), np.arange(61.0), 1)
     found = _matched(seen, at + 0.3, begin * np.array(sigma))
@@ -128,6 +139,90 @@ def test_what_has_no_light_has_no_matched_width():
     for light in (np.zeros((21, 21)), -spot(2.0, (10.0, 10.0), (21, 21))):
         seen = _Light(light, arms, arms, 1)
         assert np.isnan(_matched(seen, np.array([10.0, 10.0]), np.array([40.0, 40.0]))).all()
+
+
+def test_a_matched_width_is_one_that_tells_of_itself():
+    """Of a disc, which no Gaussian is."""
+    seen = _Light(disc(7.0), np.arange(61.0), np.arange(61.0), 1)
+    centre = np.array([30.0, 30.0])
+    found = _matched(seen, centre, np.array([2.0, 6.0]))
+    np.testing.assert_allclose(_matched(seen, centre, found), found, rtol=0.003)
+    line = np.zeros((61, 61))
+    line[:, 30] = 100.0
+    assert np.isnan(_matched(replace(seen, light=line), centre, np.array([2.0, 2.0]))).all()
+
+
+# The second moment
+
+
+def disc(radius, size=61):
+    """A disc of so many pixels around the middle, in parts of 8 x 8 of a pixel."""
+    fine = (np.arange(8 * size) + 0.5) / 8 - 0.5 - size // 2
+    inside = (np.hypot(fine[:, None], fine) <= radius).astype(float)
+    return 100.0 * inside.reshape(size, 8, size, 8).mean(axis=(1, 3))
+
+
+def width_of(signal, first, noise=1e-6):
+    return moment_sigma(signal, noise, signal > signal.max() / 2, first)
+
+
+def test_the_second_moment_is_that_of_a_gaussian_cut_off_at_three_sigma():
+    """Of a disc: a quarter of its square, a twelfth for the pixels, and what a Gaussian would
+    have lost beyond its window, until that changes by less than 2 %."""
+    light = disc(7.0)
+    arm = (np.arange(61) - 30.0) ** 2
+    square = (light.sum(axis=0) @ arm) / light.sum()
+    assert square == pytest.approx(7.0**2 / 4 + 1 / 12, rel=3e-3)
+    sigma = 3.4
+    while True:
+        half = int(np.rint(3.0 * sigma))
+        found = np.sqrt(square / _kept_variance(np.array([(half + 0.5) / sigma]))[0] - 1 / 12)
+        done, sigma = abs(found - sigma) < 0.02 * sigma, found
+        if done:
+            break
+    assert width_of(light, 3.4) == pytest.approx(sigma, rel=1e-4)
+
+
+def test_a_width_is_three_fifths_of_the_first_at_least():
+    assert width_of(disc(7.0), 7.0) == pytest.approx(4.2)
+
+
+@pytest.mark.parametrize(
+    ("axes", "found"),
+    [((2.0, 2.3), 2.15), ((2.3, 2.0), 2.15), ((2.0, 2.5), 2.5), ((2.5, 2.0), 2.5)],
+)
+def test_a_spot_is_round_up_to_a_ratio_of_one_point_two(axes, found):
+    assert width_of(spot(axes), 2.2) == pytest.approx(found, rel=2e-3)
+
+
+@pytest.mark.parametrize(("errors", "taken"), [(2.7, True), (3.3, False)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_matched_width_is_taken_within_three_errors_of_the_moment(
+    monkeypatch, errors, taken, sign
+):
+    noise, asked = 0.02, []
+
+    def matched(seen, centre, sigma):
+        arm = (seen.x - centre[0]) ** 2
+        half = (len(seen.x) - 1) / 2
+        kept = _kept_variance(np.array([(half + 0.5) / sigma[0]]))[0] * seen.light.sum()
+        asked.append(np.sqrt(sigma**2 + sign * errors * noise * _long_arm(arm, seen) / kept))
+        return asked[-1]
+
+    monkeypatch.setattr(moment, "_matched", matched)
+    found = width_of(disc(7.0), 3.4, noise)
+    assert (found == pytest.approx(asked[0].mean(), rel=1e-6)) == taken
+
+
+def test_a_faint_spot_has_the_width_that_matches_and_without_one_the_first(monkeypatch):
+    """Below twenty errors of its flux."""
+    light = spot(1.5, flux=1e3)
+    assert width_of(light, 1.7, noise=30.0) == pytest.approx(1.5, rel=0.05)
+    monkeypatch.setattr(moment, "_matched", lambda *_: np.full(2, np.nan))
+    window = 2 * 5 + 1  # three times 1.7
+    for times, faint in ((19.0, True), (21.0, False)):
+        noise = light.sum() / times / window
+        assert (width_of(light, 1.7, noise) == 1.7) == faint
 
 
 # Light of others

@@ -186,6 +186,31 @@ def test_shot_noise_of_the_light_is_noise():
         assert one_sided(stamp, np.ones_like(stamp), noise, np.zeros((1, 2)), 13).all() == told
 
 
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+def test_means_that_hang_over_the_border_do_not_count(turns):
+    error = np.sqrt(2.0 * 100.0 / 9.0)
+    for rows, size, told in ((slice(1, 2), 11.0, False), (slice(0, 3), 6.6, True)):
+        stamp = np.zeros((SIZE, SIZE))
+        stamp[rows, 6:9] = size * error
+        given = np.rot90(stamp, turns)[None], np.ones((1, SIZE, SIZE)), noise_of(100.0)
+        assert one_sided(*given, np.zeros((1, 2)), 13, of_peak=0.01).tolist() == [told]
+
+
+def test_each_window_is_judged_by_its_own_light_and_noise():
+    stamps = np.stack([spot(peak=p) for p in (1e2, 1e4, 1e3)])
+    stamps[:, HALF - 1 : HALF + 2, HALF + 5 : HALF + 8] += 90.0
+    noise = PixelNoise(np.array([1.0, 1.0, 1e4]), 0.0, np.zeros((3, 3)))
+    kept, centre = np.ones_like(stamps), np.zeros((3, 2))
+    assert one_sided(stamps, kept, noise, centre, 13).tolist() == [True, False, False]
+    tops = np.stack([blocks(500.0), blocks(990.0), blocks(500.0)])
+    zeros = np.zeros((3, 2))
+    windows = Windows(tops, SIZE - 2, zeros, zeros.astype(int), noise, zeros)
+    windows.noise.floor[2] = 1e6
+    assert two_tops(windows, zeros).tolist() == [True, False, False]
+    height = np.full(3, 1000.0)
+    assert dark_in_the_middle(tops, zeros, height, noise).tolist() == [True, False, False]
+
+
 # What a window has left behind
 
 

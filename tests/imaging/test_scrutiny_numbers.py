@@ -444,6 +444,16 @@ def test_pixels_that_are_not_kept_on_either_side_are_not_compared():
     assert is_lopsided(200.0)
 
 
+def test_windows_are_lopsided_each_by_its_own_peak_and_noise():
+    parts = [stamp_of(90.0, peak=peak) for peak in (1e3, 1e4, 1e3)]
+    stamps = np.stack([stamp for stamp, _ in parts])
+    fit = fit_of(3, sigma=1.5)
+    fit.flux[:] = [part.flux[0] for _, part in parts]
+    noise = PixelNoise(np.array([1.0, 1.0, 1e4]), 0.0, np.zeros((3, 3)))
+    found = lopsided(stamps, np.ones((3, TALL, TALL)), noise, fit)
+    assert found.tolist() == [True, False, False]
+
+
 @pytest.mark.parametrize(("turned", "told"), [(False, True), (True, False)])
 def test_light_on_both_sides_is_the_shape(turned, told):
     stamp, fit = stamp_of(200.0)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import files_of_frames as write
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from losbench.recording.frames.contiguous import Contiguous
 from losbench.recording.frames.names import belonging
 from losbench.recording.frames.plane import Plane, _date, _role, _without_ones, _word
 from losbench.recording.frames.ser import _order
+from losbench.recording.frames.tiff import _opencv_reads
 from losbench.recording.performance import metrics_of
 from losbench.recording.stamps import Stamp
 
@@ -170,6 +172,39 @@ def test_a_stack_in_one_page_is_black_as_zero_and_of_whole_bytes_or_refused(
     else:
         with pytest.raises(lb.UnreadableFrame, match=r"a.tif cannot be read: .* in one page"):
             lb.open_frames(path)
+
+
+@pytest.mark.parametrize("axes", ["YX", "YXS", "SYX"])
+@pytest.mark.parametrize("samples", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    ("bits", "form"), [(8, 1), (16, 1), (32, 3), (32, 1), (16, 2), (8, 3), (64, 3), (12, 1)]
+)
+def test_lzw_of_grey_and_rgb_in_whole_bytes_needs_no_extra(axes, samples, bits, form):
+    """OpenCV reads them; the rest is for tifffile with its extra."""
+    page = SimpleNamespace(
+        axes=axes, samplesperpixel=samples, bitspersample=bits, sampleformat=form
+    )
+    colours = axes == "YX" or (axes == "YXS" and samples in (1, 3))
+    known = (bits, form) in ((8, 1), (16, 1), (32, 3))
+    assert _opencv_reads(page) == (colours and known)
+
+
+@pytest.mark.parametrize("kind", ["packed", "turned", "plain"])
+def test_rows_of_pages_are_those_of_whole_frames_however_they_lie(tmp_path, kind):
+    frames = RNG.integers(0, 900, (4, 20, 30)).astype(np.uint16)
+    path = tmp_path / "a.tif"
+    if kind == "packed":
+        assert cv2.imwritemulti(str(path), list(frames))
+    else:
+        write.tiff16(path, frames, photometric=int(kind == "plain"))
+    found, out, spans = lb.open_frames(path), np.empty((2, 5, 30), np.uint16), [(2, 4), (9, 12)]
+    expected = 65535 - frames if kind == "turned" else frames
+    found.read_rows(1, 3, spans, out)
+    np.testing.assert_array_equal(
+        out, np.concatenate([expected[1:3, 2:4], expected[1:3, 9:12]], axis=1)
+    )
+    assert found.source.rows(1, (20, 30), spans, out[0]) == (kind == "plain")
+    assert not found.source.rows(1, (20, 30), spans, out[0].astype(np.float32))
 
 
 # The order of bytes of a SER file
