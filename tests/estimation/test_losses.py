@@ -75,6 +75,13 @@ def test_a_loss_without_a_slope_gets_one_by_differences():
 
     np.testing.assert_allclose(psi_deriv(Weights(), U), lb.Bisquare().psi_deriv(U), atol=1e-8)
 
+    class Slow:
+        def weights(self, u):
+            return lb.Cauchy().weights(u)
+
+    far = np.array([-1e9, 1e6])
+    np.testing.assert_allclose(psi_deriv(Slow(), far), lb.Cauchy().psi_deriv(far), rtol=1e-3)
+
 
 @pytest.mark.parametrize("bad", [0, -1.0, np.nan, "wide"])
 @pytest.mark.parametrize("kind", [lb.Huber, lb.Bisquare, lb.Cauchy, lb.Welsch])
@@ -88,3 +95,8 @@ def test_the_corners_of_hampel_must_rise():
         lb.Hampel(0.0, 1.0, 2.0)
     with pytest.raises(ValueError, match="a, b, c must rise, a <= b < c, got 1, 3, 3"):
         lb.Hampel(1.0, 3.0, 3.0)
+
+
+def test_the_corners_of_hampel_are_in_the_ratio_of_its_book():
+    loss = lb.Hampel()
+    np.testing.assert_allclose(np.array([loss.a, loss.b, loss.c]) / loss.a, [1, 3.5 / 1.5, 8 / 1.5])

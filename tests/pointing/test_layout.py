@@ -210,3 +210,24 @@ def test_room_for_one_place_each_is_room():
     assert found.xy_px[:, 1].tolist() == [20.0, 20.0]
     with pytest.raises(ValueError, match="margin_px leaves no room on 1920 x 40 px"):
         lb.design_layout(2, replace(tight, shape=(40, 1920)), 0.02)
+
+
+def test_an_arcsecond_for_each_angle_is_wanted_unless_said():
+    found = lb.design_layout(2, CAMERA, 0.02)
+    assert found.wanted_arcsec.tolist() == [1.0, 1.0, 1.0]
+    assert (found.wanted_survives, found.stack, found.model) == (0, 1, "pinhole")
+
+
+def test_a_map_is_drawn_over_the_whole_sensor(monkeypatch):
+    from matplotlib.figure import Figure
+
+    found, asked = lb.design_layout(4, CAMERA, 0.02), []
+    mapped = room.SpotLayout.map
+    monkeypatch.setattr(
+        room.SpotLayout, "map", lambda task, k, xy: asked.append((k, xy)) or mapped(task, k, xy)
+    )
+    found.draw(Figure().subplots(), spot=1)
+    ((spot, places),) = asked
+    assert spot == 1
+    assert places.min(axis=(0, 1)).tolist() == [0.0, 0.0]
+    assert places.max(axis=(0, 1)).tolist() == [1919.0, 1079.0]

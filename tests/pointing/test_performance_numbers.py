@@ -390,3 +390,64 @@ def test_a_requirement_is_of_95_percent_unless_it_says_so():
     )
     np.testing.assert_array_equal(plain, said)
     assert lb.mtf(smear=0.3) == pytest.approx(np.sinc(0.15))
+
+
+def test_percentiles_are_told_at_one_two_and_three_sigma_of_a_gaussian():
+    noise = lb.units.arcsec_to_rad(np.random.default_rng(22).standard_normal((9000, 2)))
+    table = lb.pointing_metrics(noise, 0.1 * np.arange(9000.0), 5.0).percentiles()
+    told = table["probability"].unique()
+    np.testing.assert_allclose(told, 2 * stats.norm.cdf([1, 2, 3]) - 1, atol=5e-5)
+    assert table["of"].unique().tolist() == ["axis 1", "axis 2", "half-cone"]
+    cone = table[table["of"] == "half-cone"]["value_arcsec"].to_numpy()
+    np.testing.assert_allclose(cone[:2], np.sqrt(-2 * np.log(1 - told[:2])), rtol=0.05)
+
+
+@pytest.mark.parametrize("rate_hz", [1e-3, 8.0])
+def test_a_noise_floor_may_be_of_slow_samples(rate_hz):
+    series = np.random.default_rng(23).standard_normal(400)
+    found, plain = (lb.noise_floor(series, rate_hz=r) for r in (rate_hz, 1.0))
+    assert found["tau_s"] == pytest.approx(plain["tau_s"] / rate_hz)
+    assert found["sample"] == plain["sample"]
+
+
+def test_a_group_has_as_many_axes_as_the_part_with_most(tmp_path):
+    path = tmp_path / "budget.toml"
+    path.write_text(
+        """
+[[requirement]]
+id = "R"
+index = "APE"
+limit = 9.0
+
+[[source]]
+name = "both"
+[[source.source]]
+name = "one"
+kind = "noise"
+exactly = 3.0
+[[source.source]]
+name = "three"
+kind = "noise"
+exactly = [4.0, 0.0, 1.0]
+"""
+    )
+    budget = lb.PointingBudget.from_toml(path)
+    assert budget.axes == 3
+    assert budget.sources[0].mean.size == 3
+    factor = budget.requirements[0].factor
+    np.testing.assert_allclose(
+        budget.total(budget.requirements[0]), factor * np.hypot(3, [4, 0, 1])
+    )
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+@pytest.mark.parametrize("ratio", [0.0, 0.4, 1.0])
+def test_a_half_cone_follows_its_unit(unit, ratio):
+    plain, other = (lb.half_cone((k, k * ratio), 0.9) for k in (1.0, unit))
+    assert other / unit == pytest.approx(plain, rel=1e-8)
+
+
+def test_one_sample_has_no_percentile():
+    for error in ([1.0], [np.nan, 2.0]):
+        value, interval = lb.error_percentile(error, 0.5)
+        assert np.isnan(value) and np.isnan(interval).tolist() == [True, True]

@@ -323,3 +323,36 @@ def test_frames_with_errors_of_their_own_are_solved_as_if_alone(frames, exact):
         alone = lb.solve_attitude(WIDE, shifts[k], sigma=sigma[k], solver="ls", exact=exact)
         np.testing.assert_allclose(together.angles[k], alone.angles, rtol=1e-7)
         np.testing.assert_allclose(together.cov[k], alone.cov, rtol=1e-6)
+
+
+@pytest.mark.parametrize("lost", [(0, 0), (0, 1)])
+def test_a_spot_with_one_coordinate_is_missing(lost):
+    rng = np.random.default_rng(4)
+    shifts = displaced(1e-3 * rng.standard_normal((12, 3))) + rng.standard_normal((12, 4, 2))
+    sigma = rng.uniform(0.5, 2.0, shifts.shape)
+    part, whole = shifts.copy(), shifts.copy()
+    part[5, 2, lost[1]] = whole[5, 2] = sigma[5, 2] = np.nan
+    one, both = (lb.solve_attitude(WIDE, each, sigma=sigma, solver="ls") for each in (part, whole))
+    np.testing.assert_array_equal(one.angles, both.angles)
+    assert one.redundancy.tolist() == [5] * 5 + [3] + [5] * 6
+    one, both = (lb.track_attitude(WIDE, each, window=3, solver="ls") for each in (part, whole))
+    np.testing.assert_array_equal(one.angles, both.angles)
+    assert np.isnan(one.residuals[5, 2]).all() and not one.weights[5, 2].any()
+
+
+def test_reweighting_over_windows_has_five_hundred_steps_by_name(monkeypatch):
+    asked, fit = set(), lb.IRLS.fit
+    monkeypatch.setattr(
+        lb.IRLS, "fit", lambda self, *a, **k: asked.add(self.max_iter) or fit(self, *a, **k)
+    )
+    shifts = displaced(np.zeros((5, 3))) + np.random.default_rng(5).standard_normal((5, 4, 2))
+    lb.track_attitude(WIDE, shifts, window=3, method="irls")
+    lb.track_attitude(WIDE, shifts, window=3, solver=lb.IRLS())
+    assert asked == {500, 100}
+
+
+def test_a_design_angle_is_at_most_half_a_turn():
+    heads = heads_apart(np.full(5, 180.0))
+    check_design(*heads, convention=LAST, angle_deg=180.0)
+    with pytest.raises(ValueError, match="angle_deg must be a finite number from 0 to 180"):
+        check_design(*heads, convention=LAST, angle_deg=180.5)

@@ -396,6 +396,7 @@ def test_three_folds_are_enough_for_a_choice_and_five_are_taken():
     assert lb.choose(model, angle, {"s": sensor}, t, folds=3).folds == 3
     assert lb.choose(model, angle, {"s": sensor}, t).folds == 5
     assert len(lb.cross_validate(Linear("s"), angle, {"s": sensor}, t).labels) == 5
+    assert len(lb.choose(model, angle, {"s": sensor}, t, least_gain=0.0, at_most=1).path) < 3
     with pytest.raises(ValueError, match="folds must be at least three"):
         lb.choose(model, angle, {"s": sensor}, t, folds=2)
 
@@ -468,3 +469,76 @@ def test_two_samples_before_are_enough_to_predict_a_constant():
     errors = angle[2:] - 1.1
     assert found.baselines["constant"] == pytest.approx(1.482602218505602 * np.median(errors))
     assert np.isnan(found.baselines["trend"])
+
+
+def test_trends_are_about_the_middle_of_a_record_wherever_it_lies():
+    t = 5000.0 + np.r_[np.arange(10.0), 30.0]
+    model = lb.identify(Offset() + Trend(1), np.sin(t), {}, t, errors="white").fitted.model
+    assert model.terms[1].origin_s == 5015.0
+
+
+@pytest.mark.parametrize(("tau_s", "told"), [(0.0, True), (0.4, False), (4.0, False)])
+def test_von_neumann_s_ratio_says_nothing_under_errors_with_memory(tau_s, told):
+    t = np.arange(50.0)
+    y = np.random.default_rng(6).standard_normal(50)
+    noise = Noise(tau_s, 0.5)
+    tests = lack_of_fit(np.ones((50, 1)), t[:, None], y, t, noise)
+    assert np.isfinite(tests.neumann_p_value) == told
+    assert np.isfinite(tests.f_p_value)
+
+
+def test_an_identification_is_shown_as_its_table_and_its_notes():
+    t = np.arange(60.0)
+    room = np.sin(t / 5)
+    angle = lb.units.arcsec_to_rad(
+        np.column_stack([room, -3 * room]) + 0.1 * np.random.default_rng(7).standard_normal((60, 2))
+    )
+    found = lb.identify(Offset() + Linear("room"), angle, {"room": room}, t)
+    head, first, second, *notes = repr(found).splitlines()
+    names = ["axis", "to", "arcsec_per_degC", "from", "until", "dof", "law"]
+    assert head.split() == names
+    assert (first.split()[0], second.split()[0]) == ("1", "2")
+    assert notes == list(found.notes)
+    table = found.table()
+    assert table["to"].tolist() == ["room", "room"]
+    np.testing.assert_array_equal(table["arcsec_per_degC"], found.sensitivity.ravel())
+    np.testing.assert_array_equal(table[["from", "until"]], found.interval.reshape(2, 2))
+    one = lb.identify(Offset() + Trend(1), angle[:, 0], {}, t)
+    assert repr(one).splitlines()[0] == "no sensitivities"
+
+
+def test_the_unit_of_a_trend_is_at_least_a_nanosecond():
+    assert Trend(unit_s=1.1e-9).unit_s == 1.1e-9
+    with pytest.raises(ValueError, match="unit_s must be"):
+        Trend(unit_s=0.9e-9)
+
+
+def test_two_lags_have_errors_of_their_own():
+    t = 30.0 * np.arange(500.0)
+    one, two = np.sin(t / 900), np.interp(t, [4e3, 9e3], [0.0, 6.0]) + np.cos(t / 2100)
+    angle = lagged(one, t, 200.0) + lagged(two, t, 900.0)
+    angle = 1e-6 * (angle + 0.02 * np.random.default_rng(8).standard_normal(500))
+    sensors = {"one": one, "two": two}
+    forth, back = (
+        lb.identify(Offset() + Lagged(*names), angle, sensors, t, errors="white")
+        for names in (("one", "two"), ("two", "one"))
+    )
+    assert forth.tau_state.tolist() == ["identified"] * 2
+    np.testing.assert_allclose(forth.tau_interval_s, back.tau_interval_s[::-1], rtol=1e-3)
+    width = np.log(forth.tau_interval_s[:, 1] / forth.tau_interval_s[:, 0])
+    assert not 0.8 < width[0] / width[1] < 1.25
+
+
+@pytest.mark.parametrize(("errors", "memory"), [("ou+white", True), ("white", False)])
+def test_errors_have_a_memory_where_that_is_asked_for(errors, memory):
+    t = 30.0 * np.arange(300.0)
+    room = np.interp(t, [2e3, 5e3], [18.0, 24.0])
+    angle = 1e-6 * (lagged(room, t, 600.0) + 0.05 * np.random.default_rng(9).standard_normal(300))
+    (noise,) = lb.identify(Offset() + Lagged("room"), angle, {"room": room}, t, errors=errors).noise
+    assert (noise.tau_s > 0) == memory
+
+
+def test_a_candidate_with_a_lag_to_fit_is_refused_among_other_terms_too():
+    t = np.arange(60.0)
+    with pytest.raises(ValueError, match="candidates must have known lags, got one to fit in both"):
+        lb.choose({"both": Trend(1) + Lagged("s")}, np.sin(t), {"s": np.cos(t)}, t)

@@ -28,8 +28,9 @@ def mean_variance(series: Floats) -> float:
     if covariance[0] <= 0:
         return 0.0
     time = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
+    # All lags of a series about its own mean add up to nothing, so there is an end.
     ends = np.arange(len(time)) >= 0.5 * _SOKAL * time
-    blocks = float(max(time[np.argmax(ends)] if ends.any() else time[-1], 1.0))
+    blocks = float(max(time[np.argmax(ends)], 1.0))
     return float(covariance[0]) * blocks / len(about)
 
 
