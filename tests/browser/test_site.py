@@ -3,9 +3,12 @@
 import re
 from pathlib import Path
 
+import nbformat
 import pytest
 
-from losbench.resources import build_folder
+from losbench.resources import build_folder, notebook_folder
+from losbench.workbench import explorers
+from losbench.workbench.explorers import lab as scenes
 
 pytestmark = pytest.mark.browser
 
@@ -41,6 +44,15 @@ _MISSING = r"""async () => {
     ];
 }"""
 
+# What the pictures say that stand above a note that they stand still.
+_STILLS = """() => [...document.querySelectorAll('article em')]
+    .filter(note => note.innerText.startsWith('A still picture'))
+    .map(note => {
+        const cells = [...document.querySelectorAll('article .cell')]
+            .filter(cell => cell.compareDocumentPosition(note) & Node.DOCUMENT_POSITION_FOLLOWING);
+        return cells.at(-1)?.querySelector('img')?.alt ?? '';
+    })"""
+
 
 @pytest.fixture(scope="module")
 def page(browser):
@@ -65,11 +77,23 @@ def missing(page, url):
 @pytest.mark.parametrize("name", PAGES)
 def test_every_page_is_whole_and_asks_for_nothing(page, name):
     assert missing(page, (SITE / name).as_uri()) == ([], [])
-    source = (SITE / name).read_text(encoding="utf-8")
-    explorer = re.search(r"Explorer</span><span[^>]*>\(", source)
-    if explorer and "Not run here" not in source:
-        assert "A still picture" in source
-        assert page.locator("article img").count() > 0
+
+
+@needs_site
+def test_exported_pages_show_every_explorer_with_its_settings_in_words(page):
+    kinds = [*explorers.__all__, *(name for name in dir(scenes) if name[0].isupper())]
+    called = re.compile(rf"\b({'|'.join(kinds)})\(")
+    shown = 0
+    for path in sorted(notebook_folder().glob("[0-9]*.ipynb")):
+        cells = [cell.source for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
+        page.goto((SITE / "notebooks" / f"{path.stem}.html").as_uri())
+        if page.get_by_text("Not run here").count():
+            pytest.skip(f"{path.name} has not been run: make reproduce")
+        words = page.evaluate(_STILLS)
+        assert len(words) == sum(bool(called.search(source)) for source in cells)
+        assert not [alt for alt in words if not alt or alt.startswith("Figure: ")]
+        shown += len(words)
+    assert shown >= len(kinds)
 
 
 def test_a_page_that_is_not_whole_would_be_noticed(page, tmp_path):
