@@ -4,14 +4,17 @@ in.
 
 import csv
 import io
+import re
 from pathlib import Path
 
+import nbformat
 import numpy as np
 import pytest
 
 import losbench as lb
 from losbench.papers.liu2026.scenario import ConstantBench
 from losbench.papers.lyu2015.scenario import Setting
+from losbench.resources import notebook_folder
 from losbench.workbench.ledger import claims as module
 from losbench.workbench.ledger.rules import holm, ids
 from losbench.workbench.ledger.tables import with_accepted
@@ -356,6 +359,19 @@ def test_a_faulty_table_of_claims_is_named(tmp_path, old, new, message):
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(ValueError, match=message):
         module.read_claims(path)
+
+
+def test_the_claims_of_a_paper_s_figure_stand_below_it_and_are_no_wider(ledger):
+    assert max(map(len, ledger.figure("liu2026", "Fig. 1").splitlines())) <= 80
+    drawn = set()
+    for path in notebook_folder().glob("[0-9]*.ipynb"):
+        for cell in nbformat.read(path, 4).cells:
+            if found := re.search(r"figures\.save\(fig, \"(\w+)-fig-(\d)\"", cell.source):
+                shown, _, said = cell.source[found.end() :].partition("plt.show()\n")
+                assert "print" not in shown
+                assert f'.figure("{found[1]}", "Fig. {found[2]}"))' in said
+                drawn.add(found[0])
+    assert len(drawn) == 15
 
 
 def test_readme_and_data_count_the_claims_as_they_are():

@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, NoReturn
 
 from losbench.resources import build_folder, write_whole
@@ -123,16 +124,15 @@ class Ledger(Findings):
         return pd.DataFrame(rows, columns=["id", "quantity", "print", *columns]).set_index("id")
 
     def figure(self, paper: str, figure: str) -> str:
-        """Return the line below a figure of a paper: the claims that were read off it.
+        """Return what stands below a figure of a paper, as wide as it: the claims read off it.
 
         >>> Ledger().figure("lyu2015", "Fig. 6")
         'lyu2015, Fig. 6: claims inertial-20, inertial-21'
         """
         place = re.compile(rf"{re.escape(figure)}(?!\d)")
         ids = [c.id for c in self.claims.values() if c.paper == paper and place.search(c.where)]
-        return f"{paper}, {figure}: " + (
-            f"claims {', '.join(ids)}" if ids else "no number of its own"
-        )
+        said = f"claims {', '.join(ids)}" if ids else "no number of its own"
+        return fill(f"{paper}, {figure}: {said}", 80, break_on_hyphens=False)
 
     def conflicts(self) -> pd.DataFrame:
         """Return the sets of prints that cannot hold together."""
