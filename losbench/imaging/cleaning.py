@@ -21,7 +21,7 @@ from losbench.imaging.neighbours import (
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import CentroidMethod, Estimate, Windows
 from losbench.imaging.results import Measured, SpotFlag
-from losbench.imaging.scrutiny import Looked, asks, look_into
+from losbench.imaging.scrutiny import Looked, asks, filled, look_into
 from losbench.imaging.stamps import RING, cut_stamps
 
 __all__ = ["Scene", "captured", "look_again"]
@@ -36,14 +36,15 @@ _TOLD = SpotFlag.BAD_PIXEL | SpotFlag.NOT_CONVERGED  # of a spot that is measure
 
 @dataclass(frozen=True)
 class Scene:
-    """Frames (F, H, W), from which of them each of M windows is, the centroid, and the side of the
-    square in the ring.
+    """Frames (F, H, W), from which of them each of M windows is, the centroid, the side of the
+    square in the ring, and whether the background is that of the ring.
     """
 
     stack: NDArray[Any]
     frame: Indices
     method: CentroidMethod
     ring: int
+    tilts: bool
 
 
 def look_again(
@@ -73,9 +74,13 @@ def _look_closely(
     bad = looked.n_bad > 0
     result.n_bad[some] += looked.n_bad
     result.flags[some[bad]] |= SpotFlag.BAD_PIXEL
-    if bad.any() and scene.method.template:
-        where = some[bad]
-        again = replace(part.of(bad), kept=looked.kept[bad])
+    heals = bad & looked.sparse & scene.tilts  # what does not fit a background left on means little
+    anew = bad if scene.method.template else heals
+    if anew.any():
+        where = some[anew]
+        again = replace(part.of(anew), kept=looked.kept[anew])
+        if not scene.method.template:  # a moment has no use for holes
+            again = replace(part.of(anew), healed=filled(part, looked)[anew])
         cleaned = judged(
             scene.stack.shape[1:], windows.middle[where], cut.of(where), scene.method.measure(again)
         )
@@ -83,6 +88,9 @@ def _look_closely(
         cleaned.n_bad[:] = result.n_bad[where]
         cleaned.flags[:] |= result.flags[where] & _TOLD
         result.put(where, cleaned)
+    if not scene.method.template:
+        # Pixels side by side are light, which a moment cannot leave out.
+        looked = looked.without(bad & ~looked.sparse)
     crowded = _crowded(scene, cut, part, looked, some)
     result.flags[some[crowded]] |= SpotFlag.NEIGHBOUR
 
@@ -128,9 +136,10 @@ def _crowded(scene: Scene, cut: Cut, part: Windows, looked: Looked, some: Indice
     # A template that is drawn to other light, or is no likeness, tells nothing of it.
     lost = ~looked.fits
     if lost.any():
-        noise = part.noise.of(lost)
+        light, seen, centre = stamps[lost], kept[lost], part.start[lost]
+        # The top of a sharp spot may well be all in one pixel.
         found[lost] = one_sided(
-            stamps[lost], kept[lost], noise, part.start[lost], part.side, of_peak=_STRONG
+            light, seen, part.noise.of(lost), centre, part.side, of_peak=_STRONG, lone=None
         )
     return found
 

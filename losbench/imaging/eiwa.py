@@ -11,7 +11,7 @@ Here M spots move at once. Positions are counted from the middle of each stamp, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -76,7 +76,9 @@ class EIWA:
         "step" is the paper to the letter, eq. (15): replace the centre by the centroid, and stop
         once it moves by less than the tolerance. What is left then is contraction / (1 -
         contraction) times the last step. "error" takes safeguarded Newton steps to the same fixed
-        point, step / (1 - contraction), and stops once what is left is below the tolerance.
+        point, step / (1 - contraction), and stops once what is left is below the tolerance. On a
+        `Ring`, pixels that stand out of a template are replaced by it, and by what the other side
+        of the spot has more than it.
     tolerance : float, pixels, optional
         By default 0.001 for "error" and the paper's 0.005 for "step".
     max_iter : int
@@ -125,7 +127,12 @@ class EIWA:
         integer("max_iter", self.max_iter, low=1)
 
     def measure(self, windows: Windows) -> Estimate:
-        """Move each window to where it rests."""
+        """Move each window to where it rests.
+
+        Bad pixels are those that the engine has replaced; the paper's window knows none.
+        """
+        if windows.healed is not None and self.stop == "error":
+            windows = replace(windows, signal=windows.healed)
         *_, rest = self.steps(windows)
         return window_estimate(windows, rest, moved=True)
 

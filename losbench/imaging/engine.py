@@ -126,7 +126,7 @@ class Engine:
         if not self.background.tilts:
             again &= ~fit.converged
         again &= recuts > 0
-        scene = Scene(stack, frame, self.method, self.ring)
+        scene = Scene(stack, frame, self.method, self.ring, self.background.tilts)
         look_again(scene, cut, windows, fit, result, ~again)
         if again.any():
             redone = self.measure(

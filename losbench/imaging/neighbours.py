@@ -19,7 +19,8 @@ __all__ = ["OF_PEAK", "SURE", "dark_in_the_middle", "lopsided", "one_sided", "tu
 SURE = 5.5  # errors
 OF_PEAK = 0.02  # of light on one side only
 _OUTSIDE = 1.5  # sigma of the spot
-_LONE = 0.7  # of the light of 3 x 3 pixels in one of them
+_SHARP = 2.0  # pixels of sigma
+LONE = 0.7  # of the light of 3 x 3 pixels in one of them
 _DIP = 0.8  # of the top, what is darker between two makes them two, as for the finder
 _BESIDE = 0.5  # of the top, what is darker on both sides of the line through two is no ring
 _APART = 1.5  # pixels from the middle to a top
@@ -40,7 +41,7 @@ def lopsided(stamps: Pixels, kept: Pixels, noise: PixelNoise, fit: TemplateFit) 
     arms = (offset - fit.centre[:, :, None]) / fit.width[:, :, None]
     far = arms[:, 1, :, None] ** 2 + arms[:, 0, None, :] ** 2 > _OUTSIDE**2
     least = OF_PEAK * model.max(axis=(1, 2), keepdims=True)
-    more = _apart((stamps - model) * kept, kept, fit.centre, variance, least)
+    more = _apart((stamps - model) * kept, kept, fit.centre, variance, least, LONE)
     return (more & far)[:, 1:-1, 1:-1].any(axis=(1, 2))
 
 
@@ -53,21 +54,32 @@ def one_sided(
     *,
     sure: float = 1.0,
     of_peak: float = OF_PEAK,
+    lone: float | None = LONE,
 ) -> Bools:
     """Whether that is so beyond the middle of windows of ``side`` pixels, half as wide (M,).
 
-    Without a template, and at so much of the 5.5 errors, and of the peak.
+    Without a template, and at so much of the 5.5 errors and of the peak, unless one pixel holds
+    that part of it; of a spot that is sharp for its window, beyond 1.5 sigma, by its light in the
+    brightest pixel, and from half as much.
     """
-    edge = np.abs(np.arange(stamps.shape[1]) - stamps.shape[1] // 2)
-    far = np.maximum(edge[:, None], edge) > side // 4
+    offset = np.abs(np.arange(stamps.shape[1]) - stamps.shape[1] // 2)
+    top, light = stamps.max(axis=(1, 2)), np.maximum(stamps.sum(axis=(1, 2)), 0.0)
+    sigma = np.sqrt(light / (2.0 * np.pi * np.maximum(top, 1e-30)))[:, None, None]
+    far = np.maximum(offset[:, None], offset) > np.minimum(side // 4, _OUTSIDE * sigma)
     variance = noise.floor[:, None, None] + noise.per_dn * np.maximum(stamps, 0.0)
-    least = of_peak * stamps.max(axis=(1, 2), keepdims=True)
-    more = _apart(stamps, kept, centre, sure**2 * variance, least)
+    # A thin ring, turned between pixels, is no closer to itself than this; a sharp spot is.
+    least = of_peak * np.clip(sigma / _SHARP, 0.5, 1.0)
+    least = least * _mean_of_nine(stamps).max(axis=(1, 2), keepdims=True)
+    more = _apart(stamps, kept, centre, sure**2 * variance, least, lone)
     return (more & far)[:, 1:-1, 1:-1].any(axis=(1, 2))
 
 
-def _apart(rest: Pixels, kept: Pixels, centre: Floats, variance: Floats, least: Floats) -> Bools:
-    """Where the mean of 3 x 3 pixels, minus that on the other side, is light (M, T, T)."""
+def _apart(
+    rest: Pixels, kept: Pixels, centre: Floats, variance: Floats, least: Floats, lone: float | None
+) -> Bools:
+    """Where the mean of 3 x 3 pixels, minus that on the other side, is light (M, T, T), of which
+    one pixel holds less than that part.
+    """
     import cv2
 
     apart = rest - turned(rest, centre)
@@ -75,8 +87,8 @@ def _apart(rest: Pixels, kept: Pixels, centre: Floats, variance: Floats, least: 
     mean = _mean_of_nine(apart)
     highest = cv2.dilate(_tall(apart), np.ones((3, 3), np.uint8)).reshape(apart.shape)
     error = np.sqrt(2.0 * np.maximum(variance, 0.0) / 9.0)
-    more: Bools = (mean > SURE * error) & (mean > least) & (highest < _LONE * 9.0 * mean)
-    return more
+    more: Bools = (mean > SURE * error) & (mean > least)
+    return more if lone is None else more & (highest < lone * 9.0 * mean)
 
 
 def dark_in_the_middle(signal: Pixels, centre: Floats, height: Floats, noise: PixelNoise) -> Bools:
@@ -106,7 +118,7 @@ def two_tops(windows: Windows, centre: Floats) -> Bools:
     light = signal * kept
     highest = cv2.dilate(_tall(light), np.ones((3, 3), np.uint8)).reshape(signal.shape)
     mean = _mean_of_nine(light) / np.maximum(_mean_of_nine(kept), 1e-3)
-    mean = np.where(highest < _LONE * 9.0 * mean, mean, 0.0)[:, 1:-1, 1:-1]
+    mean = np.where(highest < LONE * 9.0 * mean, mean, 0.0)[:, 1:-1, 1:-1]
     size, each = mean.shape[1], np.arange(len(mean))
     row, column = np.divmod(mean.reshape(len(mean), -1).argmax(axis=1), size)
     top = mean[each, row, column].astype(np.float64)

@@ -37,6 +37,8 @@ class Windows:
         unless the method has a template.
     leave : float, pixels
         How far a spot may go from the middle of its window before that is cut anew.
+    healed : (M, S, S) array or None, DN
+        The signal with bad pixels replaced, where some stand out of windows without a template.
     """
 
     signal: Pixels
@@ -47,6 +49,7 @@ class Windows:
     width: Floats
     kept: Pixels | None = None
     leave: float = 1.0
+    healed: Pixels | None = None
 
     def of(self, some: NDArray[Any] | slice) -> Windows:
         """Return some of the windows."""
@@ -59,6 +62,7 @@ class Windows:
             self.width[some],
             None if self.kept is None else self.kept[some],
             self.leave,
+            None if self.healed is None else self.healed[some],
         )
 
 

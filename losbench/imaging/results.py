@@ -77,7 +77,7 @@ class SpotFlag(IntFlag):
     )
     BAD_PIXEL = (
         512,
-        "Pixels were not read, or stand out of the fit; a template goes without them.",
+        "Pixels were not read, or stand out of a fit: left out, or replaced under a moving window.",
     )
     LOWER_BOUND = (
         1024,

@@ -22,6 +22,7 @@ __all__ = [
     "UNEXPLAINED",
     "Looked",
     "asks",
+    "filled",
     "look_into",
     "unexplained",
 ]
@@ -30,9 +31,11 @@ __all__ = [
 _SURE = 5.5  # errors: one false pixel in some 10 000 windows
 _SURE_OF_UNKNOWN = 6.0  # where the shot noise is not known
 _MODEL = 0.03  # of its light that a template may be wrong by in every pixel
-_TURNED = 0.06  # of light, by which it is wrong between pixels
+_TURNED = 0.37  # pi / 2 of it, and two more to be safe, over the six errors of a difference
 _POINTED = 2.5  # times the third of its 3 x 3 neighbours
 _ROUNDS = 4
+_PAIR = 2  # bad pixels may touch; more side by side are light
+_FEW = 0.02  # of the pixels
 _STEPS = 25
 _CLOSE = 4e-3  # pixels squared: a twentieth of a pixel is near enough to judge pixels
 _LINE = 22.0  # errors of the mean of a row
@@ -54,10 +57,28 @@ class Looked:
     fit: TemplateFit
     fits: Bools
 
+    @property
+    def sparse(self) -> Bools:
+        """Whether what was left out is at most one row or column, or few pixels by themselves."""
+        lines = self.lines.all(axis=2).sum(axis=1) + self.lines.all(axis=1).sum(axis=1)
+        single = np.pad((self.kept == 0) & ~self.lines, ((0, 0), (1, 1), (1, 1)))
+        around = sliding_window_view(single, (3, 3), axis=(1, 2)).sum(axis=(3, 4))
+        clustered = (single[:, 1:-1, 1:-1] & (around > _PAIR)).any(axis=(1, 2))
+        most = np.where(lines > 0, _PAIR, max(_PAIR, _FEW * self.kept[0].size))
+        found: Bools = (lines <= 1) & (single.sum(axis=(1, 2)) <= most) & ~clustered
+        return found
+
+    def without(self, some: Bools) -> Looked:
+        """Return it with all pixels of some windows kept, and the template that went without."""
+        kept, lines = self.kept.copy(), self.lines.copy()
+        kept[some], lines[some] = 1, False
+        return replace(self, kept=kept, lines=lines)
+
 
 def asks(windows: Windows, found: Estimate) -> Bools:
     """Whether a pixel stands out of the template, or of the light on the spot's other side (M,)."""
     pixels = windows.signal
+    share: float | Pixels
     if found.width is not None:
         pixels = pixels[:, 1:-1, 1:-1]
         at = Templates.of(windows.side, found.centroid, found.width, pixels.dtype, free=False)
@@ -65,8 +86,9 @@ def asks(windows: Windows, found: Estimate) -> Bools:
         light *= found.flux.astype(light.dtype)[:, None, None]
         rest, share, times = pixels - light, _MODEL, 1.0
     else:
-        light = turned(pixels, np.where(np.isfinite(found.centroid), found.centroid, 0.0))
-        rest, share, times = pixels - light, _TURNED, 2.0
+        centre = np.where(np.isfinite(found.centroid), found.centroid, 0.0)
+        light = turned(pixels, centre)
+        rest, share, times = pixels - light, _turned_share(pixels, centre, found.flux), 2.0
         np.maximum(light, pixels, out=light)
     rest *= rest
     if windows.kept is not None:
@@ -80,6 +102,28 @@ def asks(windows: Windows, found: Estimate) -> Bools:
     variance *= light
     variance += least[:, None, None]
     return np.asarray((rest > variance).any(axis=(1, 2)))
+
+
+def _turned_share(pixels: Pixels, centre: Floats, flux: Floats) -> Pixels:
+    """Part of the light (M, 1, 1) by which the other side of a spot may be wrong between pixels: of
+    a Gaussian that holds so much of its flux in its middle pixel, 1 / (4 sigma^2) at most.
+    """
+    half = pixels.shape[1] // 2
+    x, y = np.rint(centre).astype(np.intp).clip(-half, half).T + half
+    with np.errstate(divide="ignore", invalid="ignore"):
+        held = np.nan_to_num(pixels[np.arange(len(x)), y, x] / flux)
+    share = np.clip(_TURNED * held, _MODEL, 1.0)
+    return share.astype(pixels.dtype)[:, None, None]
+
+
+def filled(windows: Windows, looked: Looked) -> Pixels:
+    """Signal (M, S, S) with masked pixels as the template has them, and as much over it as there
+    is on the other side of the spot, where that is kept.
+    """
+    model, centre = _model(windows, looked.fit, 1), looked.fit.centre
+    over = turned((windows.signal - model) * looked.kept, centre)
+    over *= turned(looked.kept, centre) > 0.99
+    return np.where(looked.kept > 0, windows.signal, model + over)
 
 
 def look_into(windows: Windows) -> Looked:

@@ -281,16 +281,18 @@ def test_newton_needs_two_or_three_evaluations_where_the_paper_needs_many():
     assert lb.centroid(frames, np.rint(xy), stop="step", tolerance=1e-3, **raw).n_iter.mean() > 6
 
 
-def test_the_gate_takes_out_a_hot_pixel():
+def test_the_gate_takes_out_a_hot_pixel_and_newton_s_window_needs_none():
+    """The paper's window, to the letter, weighs what it sees."""
     frames, xy, _ = spots(2.0, 30, n=300)
     clean = rms(lb.centroid(frames, np.rint(xy), window=13).xy - xy)
     frames[:, 11, 19] += 3000
     struck, gated = (
-        rms(lb.centroid(frames, np.rint(xy), window=13, hot_pixel_gate=gate).xy - xy)
+        rms(lb.centroid(frames, np.rint(xy), window=13, stop="step", hot_pixel_gate=gate).xy - xy)
         for gate in (False, True)
     )
     assert struck > 5 * clean
     assert gated < 1.5 * clean
+    assert rms(lb.centroid(frames, np.rint(xy), window=13).xy - xy) < 1.05 * clean
 
 
 def test_the_table_names_the_flags():

@@ -162,20 +162,50 @@ def test_light_on_one_side_is_beyond_so_much_of_5_5_errors(at, sure):
 
 @pytest.mark.parametrize(("share", "told"), [(0.97, False), (1.03, True)])
 @pytest.mark.parametrize("of_peak", [0.02, 0.1])
-def test_light_on_one_side_is_so_much_of_the_peak(share, told, of_peak):
+@pytest.mark.parametrize(("sigma", "half"), [(0.7, 0.5), (1.5, 0.75), (2.5, 1.0)])
+def test_light_on_one_side_is_so_much_of_the_brightest_mean(share, told, of_peak, sigma, half):
+    """Of nine pixels; half of it for a spot of a sigma of one pixel by its light, all from two on."""
     given = {} if of_peak == 0.02 else {"of_peak": of_peak}
-    assert is_one_sided(share * of_peak * 1000.0, floor=1e-6, **given) == told
+    stamp = spot(sigma=sigma)
+    by_light = np.sqrt(stamp.sum() / (2.0 * np.pi * stamp.max()))
+    least = of_peak * np.clip(by_light / 2.0, 0.5, 1.0)
+    assert np.clip(by_light / 2.0, 0.5, 1.0) == pytest.approx(half, abs=0.04)
+    least *= stamp[HALF - 1 : HALF + 2, HALF - 1 : HALF + 2].mean()
+    # What is added is of the light as well.
+    added = share * least * (1.0 + 9.0 * least / (2.0 * stamp.sum()) * (half not in (0.5, 1.0)))
+    stamp[HALF - 1 : HALF + 2, HALF + 7 : HALF + 10] += added
+    kept = np.ones((1, SIZE, SIZE))
+    found = one_sided(stamp[None], kept, noise_of(1e-6), np.zeros((1, 2)), 13, **given)
+    assert found.tolist() == [told]
 
 
 @pytest.mark.parametrize(("side", "told"), [(15, True), (16, False), (17, False)])
 def test_light_in_the_middle_of_a_window_is_the_spot_s_own(side, told):
-    """Half as wide: at four pixels, beyond a quarter of fifteen."""
+    """Half as wide: at four pixels, beyond a quarter of fifteen; of a wide spot."""
     value = 1.2 * 5.5 * np.sqrt(2.0 * 400.0 / 9.0)
-    stamp = np.zeros((1, SIZE, SIZE))
-    stamp[0, HALF - 1 : HALF + 2, HALF + 3 : HALF + 6] = value
+    stamp = np.full((1, SIZE, SIZE), 500.0)
+    stamp[0, HALF - 1 : HALF + 2, HALF + 3 : HALF + 6] += value
     kept = np.ones_like(stamp)
-    found = one_sided(stamp, kept, noise_of(400.0), np.zeros((1, 2)), side, of_peak=0.5)
+    found = one_sided(stamp, kept, noise_of(400.0), np.zeros((1, 2)), side, of_peak=0.1)
     assert found.tolist() == [told]
+
+
+@pytest.mark.parametrize(("sigma", "told"), [(0.6, True), (2.0, False)])
+def test_the_middle_of_a_sharp_spot_is_smaller_than_its_window(sigma, told):
+    """1.5 of the sigma that its light and its brightest pixel have."""
+    stamp = spot(sigma=sigma, peak=1e4)
+    stamp[HALF - 1 : HALF + 2, HALF + 1 : HALF + 4] += 1500.0
+    kept = np.ones((1, SIZE, SIZE))
+    found = one_sided(stamp[None], kept, noise_of(1.0), np.zeros((1, 2)), 17, of_peak=0.1)
+    assert found.tolist() == [told]
+
+
+def test_one_pixel_may_hold_all_of_what_no_template_has_a_top_for():
+    stamp = spot(sigma=2.0)
+    stamp[HALF, HALF + 7] += 1800.0
+    given = stamp[None], np.ones((1, SIZE, SIZE)), noise_of(1.0), np.zeros((1, 2)), 13
+    assert not one_sided(*given, of_peak=0.1).any()
+    assert one_sided(*given, of_peak=0.1, lone=None).all()
 
 
 def test_shot_noise_of_the_light_is_noise():

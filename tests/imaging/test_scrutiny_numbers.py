@@ -12,10 +12,12 @@ from losbench.imaging.neighbours import lopsided, turned
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Estimate, Windows
 from losbench.imaging.scrutiny import (
+    Looked,
     _beyond_shot_noise,
     _lines,
     _singles,
     asks,
+    filled,
     look_into,
     unexplained,
 )
@@ -101,14 +103,16 @@ def test_the_margin_of_a_window_asks_for_nothing(place):
 
 @pytest.mark.parametrize(("per_dn", "sure"), [(0.0, 6.0), (0.5, 5.5)])
 @pytest.mark.parametrize("place", [(7, 9), (3, 8), (10, 12), (0, 7)])
-def test_without_a_template_a_spot_is_compared_with_itself_turned(per_dn, sure, place):
+@pytest.mark.parametrize("sigma", [0.8, 1.2, 2.0])
+def test_without_a_template_a_spot_is_compared_with_itself_turned(per_dn, sure, place, sigma):
     """Two pixels are compared, so that the variance is twice that of one; the light between pixels
-    may be wrong by 6 %."""
-    light = light_of()
+    may be wrong by 0.37 of what the middle pixel holds of it, and by 3 % at least."""
+    light = light_of(sigma)
     reading = light[place]
+    wrong = max(0.37 * light[7, 7] / FLUX, 0.03)
     for change in np.linspace(0.0, 900.0, 91):
         top = reading + change
-        variance = 2.0 * (FLOOR + per_dn * top + (0.06 * top) ** 2)
+        variance = 2.0 * (FLOOR + per_dn * top + (wrong * top) ** 2)
         signal = light.copy()
         signal[place] += change
         margin = change**2 / (sure**2 * variance)
@@ -121,6 +125,49 @@ def test_a_window_without_a_centroid_is_compared_about_its_middle():
     light = light_of()
     assert not asks(windows_of(light), estimate_of(at=(np.nan, np.nan))).any()
     assert asks(windows_of(light), estimate_of(at=(2.0, 0.0))).all()
+
+
+# What a moment may leave out
+
+
+def looked_of(places, column=None, second=None):
+    kept, lines = np.ones((1, SIDE + 2, SIDE + 2)), np.zeros((1, SIDE + 2, SIDE + 2), bool)
+    for place in places:
+        kept[0][place] = 0.0
+    for line in (column, second):
+        if line is not None:
+            kept[0, :, line], lines[0, :, line] = 0.0, True
+    return Looked(kept, lines, np.ones(1, int), fit_of(), np.ones(1, bool))
+
+
+@pytest.mark.parametrize(
+    ("places", "column", "second", "sparse"),
+    [
+        ([(3, 3), (3, 4)], None, None, True),  # a pair
+        ([(3, 3), (3, 4), (4, 4)], None, None, False),  # three side by side
+        ([(1, 1), (3, 3), (7, 7), (11, 11)], None, None, True),  # four of 225: 2 %
+        ([(1, 1), (3, 3), (7, 7), (11, 11), (1, 9)], None, None, False),
+        ([], 5, None, True),
+        ([(3, 3), (9, 9)], 5, None, True),
+        ([(3, 3), (9, 9), (3, 11)], 5, None, False),
+        ([], 5, 9, False),
+    ],
+)
+def test_few_pixels_by_themselves_or_one_line_are_left_out_of_a_moment(
+    places, column, second, sparse
+):
+    assert looked_of(places, column, second).sparse.tolist() == [sparse]
+
+
+def test_what_is_left_out_is_filled_by_the_template_and_the_other_side():
+    """A Gaussian template under a spot half as bright again: the rest is that of the other side."""
+    light, bad = 1.5 * light_of(), (4, 9)
+    signal = light.copy()
+    signal[bad] = -500.0
+    windows = windows_of(signal)
+    assert filled(windows, looked_of([bad]))[0] == pytest.approx(light, rel=1e-6)
+    both = filled(windows, looked_of([bad, (10, 5)]))[0]
+    assert both[bad] == pytest.approx(light_of()[bad], rel=1e-6)
 
 
 # Turned images
