@@ -2,7 +2,8 @@
 
 Ratios of times on the same spots and frames; ``--save`` writes them to
 benchmarks/baselines/centroid.csv. Peers that are not installed (``pip install sep photutils``) are
-left out with a line. One thread: set OMP_NUM_THREADS=1.
+left out with a line, and picassosr, which wants pandas below 3, unless LOSBENCH_PICASSO names the
+python of an environment that has it. One thread: set OMP_NUM_THREADS=1.
 """
 
 from __future__ import annotations
@@ -10,7 +11,10 @@ from __future__ import annotations
 import argparse
 import csv
 import importlib.util
+import os
+import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -240,6 +244,43 @@ def shape_rows():
         yield f"{what}: eiwa / sep.winpos(subpix=1)", taken["eiwa"] / sep1, -4.0, detail
 
 
+def picasso_rows():
+    """Rows of the likelihood beside the compiled fits of picassosr, in the environment whose python
+    LOSBENCH_PICASSO names. It is given stamps in electrons; here they are cut, rings and flags too.
+    """
+    stack, xy = field(100, 40)
+    start, side = np.rint(xy), 13
+    corner = start.astype(int) - side // 2
+    stamps = np.array(
+        [
+            image[y : y + side, x : x + side]
+            for image, places in zip(stack, corner, strict=True)
+            for x, y in places
+        ]
+    )
+    photons = (stamps - CAMERA.offset_dn) * CAMERA.gain_e_per_dn
+    with tempfile.TemporaryDirectory() as folder:
+        given, fits = (Path(folder) / name for name in ("stamps.npz", "fits.npz"))
+        np.savez(given, photons=photons, variance=CAMERA.read_noise_e**2)
+        script = Path(__file__).parent / "picasso_fit.py"
+        subprocess.run([os.environ["LOSBENCH_PICASSO"], script, given, fits], check=True)
+        fit = dict(np.load(fits))
+    method = lb.Likelihood(2.0, window=side)
+
+    def own(_):
+        return lb.centroid(stack, start, method=method, detector=CAMERA)
+
+    taken = 1e6 * in_turns({"own": own}, 9)["own"] / len(stamps)
+    error = float(np.sqrt(np.mean((own(0).xy - xy) ** 2)))
+    for name, what in (("new", "picassosr, 0.11"), ("old", "picassosr, gaussmle")):
+        off = fit[f"{name}_xy"].reshape(xy.shape) + start - xy
+        other, spent = float(np.sqrt(np.mean(off**2))), 1e6 * float(fit[f"{name}_s"]) / len(stamps)
+        detail = f"{spent:.1f} / {taken:.1f} us per spot"
+        yield f"likelihood: {what} / its own", spent / taken, 1.0, detail
+        detail = f"{1e3 * other:.2f} / {1e3 * error:.2f} millipixel"
+        yield f"likelihood: error of {what} / its own", other / error, 0.98, detail
+
+
 def find_rows():
     """Rows of finding, over a stack of frames that does not fit into a cache."""
     light = lb.render_spots([[400.3, 500.2], [1500.0, 600.0]], [6e4, 5e4], 3.5, (1080, 1920)) + 60.0
@@ -312,7 +353,8 @@ def main() -> None:
     cv2.setNumThreads(1)
     table, missed = [], False
     beside_sep = (shape_rows, crowd_rows) if importlib.util.find_spec("sep") else ()
-    rows = (measure_rows, find_rows, *beside_sep)
+    beside_picasso = (picasso_rows,) if os.environ.get("LOSBENCH_PICASSO") else ()
+    rows = (measure_rows, find_rows, *beside_sep, *beside_picasso)
     for what, ratio, target, detail in (row for some in rows for row in some()):
         # A negative target is a ceiling.
         ok = ratio <= -target if target < 0 else ratio >= target
