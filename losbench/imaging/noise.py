@@ -154,7 +154,7 @@ def saturated(
     if missing is not None:
         inner = np.where(np.isnan(inner), -np.inf, inner)
     top = inner.max(axis=1)
-    sharing = (inner == top[:, None]).astype(np.float32).sum(axis=1)
+    sharing = np.add.reduce((inner == top[:, None]).view(np.uint8), axis=1, dtype=np.uint32)
     with np.errstate(divide="ignore", invalid="ignore"):
         chance = inner.shape[1] / (top - level)
         plateau = (top > level) & (sharing >= _PLATEAU + chance)

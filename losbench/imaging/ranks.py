@@ -98,7 +98,8 @@ def noise_above_black(rings: Pixels) -> Floats:
     """
     black = rings == np.fmin.reduce(rings, axis=1)[:, None]
     noise = np.zeros(len(rings))
-    some = np.count_nonzero(black, axis=1) >= CLIPPED * rings.shape[1]
+    count = np.add.reduce(black.view(np.uint8), axis=1, dtype=np.uint32)  # fast along an axis
+    some = count >= CLIPPED * rings.shape[1]
     if not some.any():
         return noise
     values = rings[some].astype(np.float64)

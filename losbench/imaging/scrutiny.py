@@ -95,10 +95,10 @@ def asks(windows: Windows, found: Estimate) -> Bools:
         rest *= windows.kept[:, 1:-1, 1:-1]
     # The variance of `_variance`, in few passes.
     times *= _sure(windows.noise) ** 2
-    np.maximum(light, 0.0, out=light)
+    light += np.abs(light)  # twice what is above zero, in half the time of a maximum
     least = (times * windows.noise.floor).astype(light.dtype)
-    variance = light * (times * share**2)
-    variance += times * windows.noise.per_dn
+    variance = light * (0.25 * times * share**2)
+    variance += 0.5 * times * windows.noise.per_dn
     variance *= light
     variance += least[:, None, None]
     return np.asarray((rest > variance).any(axis=(1, 2)))
