@@ -415,6 +415,9 @@ def test_matrices_that_no_row_determines_are_inverted_as_far_as_they_can_be_besi
         np.linalg.pinv(np.array([[4.0, -2.0], [-2.0, 1.0]])),
         atol=1e-9,
     )
+    near = np.array([[1.0, 1.0 - 2e-15], [1.0 - 2e-15, 1.0]])
+    found = spd_inverse(near[np.triu_indices(2)][None], 2)[0]
+    np.testing.assert_allclose(found, np.linalg.pinv(near, rcond=1e-14), rtol=1e-9)
 
 
 def test_outliers_may_be_asked_for_below_a_scale():
@@ -474,3 +477,51 @@ def test_samples_beyond_four_robust_sigma_say_nothing_of_the_memory_and_others_d
 
     assert sigma(5.0) == sigma(500.0)
     assert sigma(3.0) != sigma(3.6)
+
+
+# What is taken where nothing is said
+
+
+def drawn(rng, size):
+    return {"x": rng.random(size)}
+
+
+def test_trials_come_in_thousands_and_those_of_a_study_in_tens_of_thousands():
+    plain, said = (lb.monte_carlo(drawn, 1500, seed=1, **k)["x"] for k in ({}, {"chunk": 1000}))
+    np.testing.assert_array_equal(plain, said)
+    plain, said = (lb.study(drawn, {}, 10_500, seed=1, **k) for k in ({}, {"chunk": 10_000}))
+    np.testing.assert_array_equal(plain.summaries[0].mean, said.summaries[0].mean)
+
+
+@pytest.mark.parametrize("name", ["lsfe", "nea", "split_error"])
+def test_a_sliding_mean_is_over_five_samples_and_biased_as_in_the_paper(name):
+    series = np.random.default_rng(25).standard_normal(60)
+    more = {"method": "residual"} if name == "nea" else {}
+    split = getattr(lb, name)
+    found, said = (
+        split(series, **more),
+        split(series, window=5, unbiased=False, scale="std", **more),
+    )
+    assert found == said
+
+
+def test_reweighting_stops_after_a_hundred_steps_and_at_ten_digits():
+    """Two pairs that pull apart under a loss that takes long to decide."""
+
+    class Slow:
+        def weights(self, u):
+            return np.maximum(np.abs(u), 1e-3) ** -0.999 * 1e-3**0.999
+
+    y = np.array([0.0, 0.0, 0.3, 1.0, 1.0, 7.0])
+    for call in (lb.irls, lambda A, y, **k: lb.IRLS(**k).fit(A, y)):
+        with pytest.warns(RuntimeWarning, match="did not converge in 100 iterations"):
+            fit = call(np.ones((6, 1)), y, loss=Slow(), scale=1.0, tolerance=0.0)
+        assert fit.n_iter == 100
+    design = np.random.default_rng(26).standard_normal((40, 2))
+    y = np.random.default_rng(27).standard_t(1, (200, 40))
+    for loss in (lb.Huber(), lb.Cauchy()):
+        plain, said = (
+            lb.irls(design, y, loss=loss, on_fail="ignore", **k) for k in ({}, {"tolerance": 1e-10})
+        )
+        np.testing.assert_array_equal(plain.n_iter, said.n_iter)
+        np.testing.assert_array_equal(lb.IRLS(loss, on_fail="ignore").fit(design, y).x, plain.x)

@@ -356,3 +356,17 @@ def test_a_design_angle_is_at_most_half_a_turn():
     check_design(*heads, convention=LAST, angle_deg=180.0)
     with pytest.raises(ValueError, match="angle_deg must be a finite number from 0 to 180"):
         check_design(*heads, convention=LAST, angle_deg=180.5)
+
+
+def test_windows_hold_nine_frames_and_rates_two_seconds_unless_said():
+    shifts = np.random.default_rng(6).standard_normal((20, 4, 2))
+    plain, said = (lb.track_attitude(WIDE, shifts, solver="ls", **k) for k in ({}, {"window": 9}))
+    np.testing.assert_array_equal(plain.angles, said.angles)
+    t = 0.5 * np.arange(60.0)
+    turn = Rotation.from_rotvec(np.outer(np.cumsum(np.sin(t / 4)), [0.0, 1e-3, 0.0])).as_quat()
+    wobble = Rotation.from_rotvec(1e-6 * np.random.default_rng(7).standard_normal((60, 3)))
+    other = (Rotation.from_quat(turn) * wobble).as_quat()
+    plain, said = (
+        time_tag_offset(t, turn, other, convention=LAST, **k) for k in ({}, {"smooth_s": 2.0})
+    )
+    assert plain == said

@@ -542,3 +542,20 @@ def test_a_candidate_with_a_lag_to_fit_is_refused_among_other_terms_too():
     t = np.arange(60.0)
     with pytest.raises(ValueError, match="candidates must have known lags, got one to fit in both"):
         lb.choose({"both": Trend(1) + Lagged("s")}, np.sin(t), {"s": np.cos(t)}, t)
+
+
+def test_two_samples_are_enough_for_a_lag():
+    """Behind a ramp of one degree in a step."""
+    behind = lagged(np.array([3.0, 4.0]), np.array([0.0, 2.0]), 5.0)
+    np.testing.assert_allclose(behind, [3.0, 4.0 - 0.5 * 5.0 * (1 - np.exp(-2.0 / 5.0))])
+
+
+def test_intervals_are_of_95_percent_unless_said():
+    t = np.arange(80.0)
+    room = np.sin(t / 5)
+    angle = 1e-6 * (room + 0.1 * np.random.default_rng(10).standard_normal(80))
+    for fit in (
+        lambda **k: lb.identify(Offset() + Linear("s"), angle, {"s": room}, t, **k).interval,
+        lambda **k: lb.fit_sensitivity(room, angle, **k).k_interval,
+    ):
+        np.testing.assert_array_equal(fit(), fit(confidence=0.95))

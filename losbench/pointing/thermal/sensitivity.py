@@ -105,7 +105,7 @@ class SensitivityFit:
         change = np.empty((temperature.size, self.lag_s.size))
         for i, lag_s in enumerate(self.lag_s.ravel()):
             change[:, i] = temperature - self.reference_degC
-            if lag_s > 0 and time is not None:
+            if time is not None:
                 change[known, i] = lagged(change[known, i], time[known], float(lag_s))
         change = change.reshape(temperature.size, *self.lag_s.shape)
         return self.offset + self.k * change + self.quadratic * change**2
