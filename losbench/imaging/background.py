@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from losbench.arrays import Bools, Floats, Pixels
 from losbench.checks import number, odd
-from losbench.imaging.ranks import noise_above_black
+from losbench.imaging.ranks import CLIPPED, noise_above_black
 from losbench.imaging.stamps import RING, ring_places
 from losbench.units import SIGMA_PER_MAD
 
@@ -236,7 +236,6 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     """
     geometry = _geometry(side)
     basis, solve = geometry.basis.astype(ring.dtype), geometry.solve.astype(ring.dtype)
-    noise = noise_above_black(ring)
     level = np.where(
         np.isfinite(ring[:, 0]), ring[:, 0], 0.0
     )  # any will do: small numbers lose less of their digits
@@ -253,6 +252,12 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     fit = _Fit(solved[:, :3], variance, scatter, solved[:, 3], np.zeros(len(ring)))
     if not even.all():
         fit.put(~even, _clipped(ring[~even], basis, solve[:, 3]))
+    at_lowest = ring == np.fmin.reduce(ring, axis=1)[:, None]
+    count = np.add.reduce(at_lowest.view(np.uint8), axis=1, dtype=np.uint32)  # fast along an axis
+    black = count >= CLIPPED * len(basis)
+    noise = np.zeros(len(ring))
+    if black.any():
+        noise[black] = noise_above_black(ring[black])
     return Plane(
         level=level + fit.plane[:, 0],
         slope=fit.plane[:, 1:] / geometry.reach,

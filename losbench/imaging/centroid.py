@@ -64,8 +64,8 @@ def centroid(
     detector : Detector or Gain, optional
         Gain, read noise and offset for the predicted errors. Without it every pixel is given the
         scatter of the ring, and the shot noise of the spots that `estimate_gain` finds in up to 64
-        frames. Fewer than three do not tell it: the errors of spots are lower bounds then, and
-        flagged.
+        frames. Fewer than three tell it by what a Gaussian leaves over, where that is noise alone;
+        where it is not, the errors of spots are lower bounds, and flagged.
     full_scale_dn : float, optional
         Reading of a saturated pixel; by default that of ``detector``, else the largest number of an
         integer type.

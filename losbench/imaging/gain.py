@@ -21,7 +21,8 @@ from losbench.imaging.eiwa import EIWA
 from losbench.imaging.groups import Group, in_order
 from losbench.imaging.noise import Gain, Transfer, step_of
 from losbench.imaging.pairs import Pairs, nearest_pairs
-from losbench.imaging.places import as_stack, as_starts, evenly, in_frame
+from losbench.imaging.places import as_stack, as_starts, evenly
+from losbench.imaging.residuals import template_gain
 from losbench.imaging.results import Measured, SpotFlag
 
 __all__ = ["estimate_gain", "recording_gain"]
@@ -114,9 +115,7 @@ def estimate_gain(
 
 
 def recording_gain(groups: Sequence[Group], stack: NDArray[Any]) -> Gain:
-    """Gain of frames (F, H, W) with groups of spots."""
-    if len(stack) < _FEWEST_FRAMES:
-        return Gain(0.0, np.inf, step_of(stack))
+    """Gain of frames (F, H, W) with groups of spots; of fewer than three by `template_gain`."""
     chosen = evenly(len(stack), _FRAMES)
     some = stack if len(chosen) == len(stack) else stack[chosen]
     near = in_order(groups, [group.at[chosen].swapaxes(0, 1) for group in groups]).swapaxes(0, 1)
@@ -124,24 +123,24 @@ def recording_gain(groups: Sequence[Group], stack: NDArray[Any]) -> Gain:
     near = near[:, bright]
     if not near.size:
         return Gain(0.0, np.inf, step_of(stack))
-    seen = Measured.nothing(near.shape[:2])
+    few = []
     for group in groups:
         own = np.flatnonzero(np.isin(bright, group.numbers))
         if own.size:
-            frame, spot, middle = in_frame(some, near[:, own])
-            look, where = (
-                replace(group.engine, method=EIWA(group.engine.window)),
-                (frame, own[spot]),
-            )
-            nothing = np.full((len(frame), 2), np.nan)
-            seen.put(where, look.measure(some, frame, middle, near[where], width=nothing))
-    width = in_order(groups, [np.full(len(g.numbers), g.engine.window / 6.0) for g in groups])
+            few.append(replace(group, numbers=own).put(some, near[:, own]))
+    if len(stack) < _FEWEST_FRAMES:
+        return template_gain(few, some)
+    seen, width = Measured.nothing(near.shape[:2]), np.empty(len(bright))
+    for group in few:
+        look = group.of(method=EIWA(group.engine.window))
+        look.measure(some, np.full((len(group.numbers), 2), np.nan), seen)
+        width[group.numbers] = group.engine.window / 6.0
     xy = np.where((seen.flags & SpotFlag.NOT_CONVERGED > 0)[..., None], np.nan, seen.xy)
-    return estimate_gain(some, xy, width[bright], full_scale_dn=groups[0].engine.full_scale_dn)
+    return estimate_gain(some, xy, width, full_scale_dn=groups[0].engine.full_scale_dn)
 
 
 def _brightest(stack: NDArray[Any], places: Floats) -> Indices:
-    """Spots whose middle pixel reads most, of those that three frames show."""
+    """Spots whose middle pixel reads most, of those that three frames show, or all of fewer."""
     _, rows, columns = stack.shape
     pixel = np.rint(np.nan_to_num(places, nan=-1.0)).astype(np.intp)
     inside = ((pixel >= 0) & (pixel < (columns, rows))).all(axis=-1)
@@ -151,7 +150,7 @@ def _brightest(stack: NDArray[Any], places: Floats) -> Indices:
     reading[frame, spot] = stack[frame, y, x]
     seen = np.isfinite(reading).sum(axis=0)
     mean = np.where(np.isfinite(reading), reading, 0.0).sum(axis=0) / np.maximum(seen, 1)
-    shown = np.flatnonzero(seen >= _FEWEST_FRAMES)
+    shown = np.flatnonzero(seen >= min(_FEWEST_FRAMES, len(stack)))
     return shown[np.argsort(-mean[shown], kind="stable")[:_SPOTS]]
 
 

@@ -55,6 +55,11 @@ class Group:
         """Return the same spots with other fields of the engine."""
         return replace(self, engine=replace(self.engine, **fields))
 
+    def put(self, stack: NDArray[Any], at: Floats) -> Group:
+        """Return as many spots with windows at other places (F, m, 2), in frames of their own."""
+        frame, spot, middle = in_frame(stack, at)
+        return replace(self, at=at, frame=frame, spot=spot, middle=middle)
+
     def measure(self, stack: NDArray[Any], width: Floats, result: Measured) -> None:
         """Measure all, with templates of their width (m, 2), and put them into the result."""
         pixels = len(self.frame) * (self.engine.ring + 2 * RING) ** 2

@@ -96,22 +96,17 @@ def noise_above_black(rings: Pixels) -> Floats:
     >>> noise_above_black(dark.clip(0)).round(1).tolist()
     [4.0, 0.0]
     """
-    black = rings == np.fmin.reduce(rings, axis=1)[:, None]
-    noise = np.zeros(len(rings))
-    count = np.add.reduce(black.view(np.uint8), axis=1, dtype=np.uint32)  # fast along an axis
-    some = count >= CLIPPED * rings.shape[1]
-    if not some.any():
-        return noise
-    values = rings[some].astype(np.float64)
+    values = rings.astype(np.float64)
+    black = values == np.fmin.reduce(values, axis=1)[:, None]
     absent = np.isnan(values)
     if absent.any():
         values = np.where(absent, np.nanmedian(values, axis=1)[:, None], values)
     digit = digit_step(values)
-    found = level_and_noise(values, digit, black[some], unknown=(np.nan, np.nan))[1]
+    found = level_and_noise(values, digit, black, unknown=(np.nan, np.nan))[1]
     above = values - values.min(axis=1, keepdims=True)
     beyond = (above > 1.5 * digit).any(axis=1)
-    noise[some] = np.where(beyond & ~(found < _TOLD * digit), found, 0.0)
-    return noise
+    some = black.mean(axis=1) >= CLIPPED
+    return np.where(some & beyond & ~(found < _TOLD * digit), found, 0.0)
 
 
 def _kept(make: Callable[[int], Floats], n: int) -> Floats:

@@ -81,7 +81,7 @@ class SpotFlag(IntFlag):
     )
     LOWER_BOUND = (
         1024,
-        "Fewer than three frames, and no detector: the error leaves out the spot's shot noise.",
+        "No detector, and frames that do not tell: the error leaves out the spot's shot noise.",
     )
     FOUND_AGAIN = (
         2048,

@@ -35,6 +35,7 @@ _UNKNOWN = Gain(0.0, np.inf)
 _EVERY = 64  # frames from one node of the path to the next, in a long recording
 _MOST = 64  # frames that are looked at closely
 _KEPT = 2**25  # pixels that are kept of them
+_WITNESSES = 3  # frames
 _MARGIN = 2  # pixels, in which a window finds its spot
 _CLIPPED = 0.08  # of the readings at the lowest: no noise does that
 
@@ -175,7 +176,9 @@ def survey(
         groups = grouped(stack, at, sides, still, background, None, recording.full_scale_dn)
         found, black = recording_gain(groups, stack), _clipped_black(stack)
     known = recording.detector
-    noise, doubts = (found, []) if known is None else (known, contradictions(known, found))
+    noise = found if known is None else known
+    # What one frame or two leave of a Gaussian is no witness: a shape hardly off it would testify.
+    doubts = [] if known is None or len(close) < _WITNESSES else contradictions(known, found)
     reason = ""
     if _open(how) and close:
         seen = centroid(

@@ -27,10 +27,14 @@ def test_a_spot_without_reproach_has_no_flag():
 
 
 def test_without_a_detector_fewer_than_three_frames_give_a_lower_bound_and_say_so():
-    frames = np.stack([image([[40, 30]], seed=k) for k in range(3)])
+    """Of a spot with wings, which a Gaussian does not explain."""
+    away = np.hypot(*(np.mgrid[:60, :80] - np.array([30.0, 40.0])[:, None, None]))
+    light = 6e3 * (1.0 + (away / 3.0) ** 2) ** -2.5 + 30.0
+    frames = CAMERA.expose(np.stack([light] * 3), 1)
     one, two, three = (lb.centroid(frames[:n], [[40, 30]], window=13) for n in (1, 2, 3))
-    assert (one.flags == SpotFlag.LOWER_BOUND).all() and (two.flags == SpotFlag.LOWER_BOUND).all()
-    assert not one.noise.known and not three.flags.any()
+    low = SpotFlag.LOWER_BOUND
+    assert (one.flags & low > 0).all() and (two.flags & low > 0).all()
+    assert not one.noise.known and not (three.flags & low).any()
     assert three.sigma_xy.mean() > 1.15 * two.sigma_xy.mean()
 
 

@@ -101,11 +101,27 @@ def test_a_detector_that_the_frames_contradict_is_named_with_its_numbers(wrong, 
     assert any("contradict the detector" in n and number in n for n in measured.notes)
 
 
-def test_two_frames_give_lower_bounds_that_are_flagged_in_table_and_notes():
+def test_two_frames_of_round_spots_tell_their_noise_by_what_a_gaussian_leaves():
     recording, _ = drifting(2)
     stack = recording.stamps[0].read(0, 2, skip=False).frames
     measured = lb.measure(lb.read_recording(stack), spots=SPOTS)
-    assert set(measured.table[["flags1", "flags2"]].to_numpy().ravel()) == {SpotFlag.LOWER_BOUND}
+    assert not measured.flags.any()
+    assert measured.surveys[0].noise.per_dn == pytest.approx(0.5, rel=0.3)
+    assert any("rest on the noise of the frames, 0." in note for note in measured.notes)
+    given = lb.measure(recording, spots=SPOTS)
+    np.testing.assert_allclose(measured.sigma_xy_px, given.sigma_xy_px, rtol=0.2)
+    wrong = dataclasses.replace(SENSOR, gain_e_per_dn=8.0)
+    assert not lb.measure(lb.read_recording(stack, detector=wrong), spots=SPOTS).surveys[0].doubts
+
+
+def test_two_frames_give_lower_bounds_that_are_flagged_in_table_and_notes():
+    """Of spots with wings."""
+    row, column = np.mgrid[:70, :100]
+    light = sum(3e3 * (1.0 + ((column - x) ** 2 + (row - y) ** 2) / 9.0) ** -2.5 for x, y in SPOTS)
+    stack = SENSOR.expose(np.stack([light + 30.0] * 2), 1)
+    measured = lb.measure(lb.read_recording(stack), spots=SPOTS)
+    flags = measured.table[["flags1", "flags2"]].to_numpy()
+    assert (flags & SpotFlag.LOWER_BOUND > 0).all()
     assert any("lower bounds, and flagged LOWER_BOUND" in note for note in measured.notes)
     assert "4 of 4 centroids carry the flag LOWER_BOUND." in measured.notes
 
