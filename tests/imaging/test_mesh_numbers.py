@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 from losbench.imaging.mesh import _smooth_tiles, _surface, mesh
 from losbench.imaging.pattern import Pattern
+from losbench.imaging.ranks import level_and_noise
 
 
 def test_a_pattern_is_taken_off_before_the_tiles_and_put_back():
@@ -73,3 +75,33 @@ def test_rows_of_a_pattern_are_its_pixels(tap):
     y, x = np.mgrid[:20, :30]
     np.testing.assert_array_equal(pattern.rows(0, 20, 30), pattern.at(y, x))
     np.testing.assert_array_equal(pattern.rows(7, 13, 30), pattern.at(y, x)[7:13])
+
+
+def test_where_spots_are_most_of_what_is_left_the_lower_ranks_tell():
+    """If the noise comes out 1.5 times smaller by them: least squares over normal scores."""
+    n, share = 2000, 0.2
+    rank = (np.arange(n) + 0.5) / n
+    score = ndtri(rank)
+
+    def line(values, low, high):
+        some = (rank >= low) & (rank <= high)
+        slope, level = np.polyfit(score[some], values[some], 1)
+        return level, slope
+
+    ratios = []
+    for steep in np.linspace(1.0, 6.0, 101):
+        values = 10.0 + score
+        bent = score[rank <= 0.48].max()
+        values = np.where(rank <= 0.48, values, 10.0 + bent + steep * (score - bent))
+        values[rank < share] = lowest = values[rank >= share][0] - 0.01
+        clipped = values == lowest
+        wide = line(values, share + 0.1 * 0.8, 0.76)
+        low = line(values, share + 0.1 * 0.8, share + 0.35 * 0.8)
+        ratio = wide[1] / low[1]
+        if abs(ratio - 1.5) < 0.01:
+            continue
+        ratios.append(ratio)
+        found = level_and_noise(values[None], 0.0, clipped[None])
+        np.testing.assert_allclose(np.ravel(found), low if ratio > 1.5 else wide, rtol=1e-6)
+    assert min(ratios) < 1.1 and max(ratios) > 2.5
+    assert any(1.4 < ratio < 1.5 for ratio in ratios) and any(1.5 < r < 1.6 for r in ratios)
