@@ -39,6 +39,7 @@ _PLAIN, _LZW = 1, 5
 _MINISWHITE = 0
 _COUNTS = (_MINISWHITE, 1, 2, 32803, 34892)  # black as zero, RGB, a Bayer pattern, linear raw
 _JPEG = (6, 7)
+_PACKED = (10, 12, 14)  # bits that are unpacked here
 _HEAD_BYTES = 8  # of a classic TIFF
 _REDUCED = 1  # in tag 254, a smaller copy of another page
 
@@ -232,7 +233,7 @@ def _image(page: tifffile.TiffPage, label: str) -> NDArray[Any]:
         raise UnreadableFrame(f"{label} must be one image, got {page.axes} of shape {page.shape}")
     bits = page.bitspersample
     plain = page.compression == _PLAIN and page.fillorder == 1 and page.predictor == 1
-    if page.axes == "YX" and plain and not page.is_tiled and 8 < bits < 16:
+    if page.axes == "YX" and plain and not page.is_tiled and bits in _PACKED:
         image = _packed_strips(page)
     elif page.compression == _LZW and _opencv_reads(page):
         image = _by_opencv(page, label)
