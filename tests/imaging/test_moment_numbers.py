@@ -381,3 +381,14 @@ def test_what_stands_out_more_than_ten_pixels_away_is_another(away, known):
     image += np.random.default_rng(2).normal(50.0, 1.0, image.shape)
     found = aperture_sigma(image[None], np.array([0]), np.array([[60, 60]]))
     assert np.isfinite(found) == known
+
+
+@pytest.mark.parametrize(("away", "known"), [(16, True), (20, False)])
+def test_a_wide_spot_is_known_from_one_and_a_half_sigma_away(away, known):
+    """Sigma 12, of which 18 pixels are one and a half."""
+    image = lb.render_spots([[100.0 + away, 100.0]], 1e6, 12.0, (201, 221))
+    image += np.random.default_rng(2).normal(50.0, 1.0, image.shape)
+    found = aperture_sigma(image[None], np.array([0]), np.array([[100, 100]]))
+    assert np.isfinite(found) == known
+    if known:
+        assert found == pytest.approx(12.0, rel=0.03)
