@@ -319,6 +319,17 @@ def seen(image, half=10, at=(60, 60)):
     return _Aperture.at(image[None], np.array([0]), np.array([at]), half)
 
 
+@pytest.mark.parametrize("half", [13, 20])
+def test_in_wide_apertures_the_peak_is_that_of_means_of_nine_pixels(half):
+    image = spot(3.0, (60.0, 60.0), (121, 121), 3e3)
+    image += RNG.normal(50.0, 2.0, image.shape)
+    y, x = np.mgrid[-60:61, -60:61]
+    away = np.maximum(abs(x), abs(y))
+    level = np.median(image[(away > half) & (away <= half + 4)])
+    means = ndimage.uniform_filter(image - level, 3, mode="mirror")
+    assert seen(image, half).peak == pytest.approx(means[away <= half].max(), rel=1e-4)
+
+
 def test_an_aperture_has_level_noise_peak_and_core():
     image = spot(3.0, (60.0, 60.0), (121, 121), 3e3)
     image += RNG.normal(50.0, 2.0, image.shape)
