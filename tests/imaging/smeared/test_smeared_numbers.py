@@ -761,10 +761,33 @@ def test_a_joint_turn_is_that_at_the_epoch(epoch):
         epoch=epoch,
         predicted=FOUR + 0.05,
         background=0.0,
+        detector=lb.Detector(read_noise_e=5.0),
+        rate_prior_rad_s=np.inf,
     )
     np.testing.assert_allclose(found.rate_rad_s, rate, rtol=1e-3)
     np.testing.assert_allclose(found.xy, FOUR, atol=1e-3)
     assert not found.flags.any()
+
+
+def test_without_a_word_the_path_lacks_no_rate():
+    """The prior is zero wide unless it is given."""
+    tracks = PATH.tracks(FOUR, CAMERA, epoch="end")
+    frame = lb.render_streaks(tracks, PATH.share, 3e4, SIGMA, CAMERA.shape)
+    frame = np.random.default_rng(6).normal(frame, 5.0)
+    given = {"path": PATH, "camera": CAMERA, "width": SIGMA, "method": "joint"}
+    given |= {"predicted": FOUR + 0.05, "detector": lb.Detector(read_noise_e=5.0)}
+    start = np.rint(tracks.mean(axis=1))
+    held = lb.aided_centroid(frame, start, **given)
+    free = lb.aided_centroid(frame, start, **given, rate_prior_rad_s=np.inf)
+    assert np.abs(held.rate_rad_s).max() < 1e-9 < 1e-5 < np.abs(free.rate_rad_s).max()
+    assert (held.sigma_xy < free.sigma_xy).all()
+
+
+def test_one_star_of_several_images_is_cut_out_of_each():
+    frames = RNG.random((3, 120, 140))
+    cut = cut_windows(frames, [[40.0, 50.0]], window=5, path=PATH, camera=CAMERA, sigma=SIGMA)
+    np.testing.assert_array_equal(cut.pixels, frames[:, 48:53, 38:43])
+    assert cut.image.tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("method", ["iterative", "closed_form", "least_squares", "joint"])
