@@ -231,3 +231,7 @@ def test_a_map_is_drawn_over_the_whole_sensor(monkeypatch):
     assert spot == 1
     assert places.min(axis=(0, 1)).tolist() == [0.0, 0.0]
     assert places.max(axis=(0, 1)).tolist() == [1919.0, 1079.0]
+
+
+def test_spots_may_be_asked_to_be_apart_by_less_than_a_pixel():
+    assert lb.design_layout(2, CAMERA, 0.02, apart_px=0.5).xy_px.shape == (2, 2)

@@ -451,3 +451,14 @@ def test_one_sample_has_no_percentile():
     for error in ([1.0], [np.nan, 2.0]):
         value, interval = lb.error_percentile(error, 0.5)
         assert np.isnan(value) and np.isnan(interval).tolist() == [True, True]
+
+
+@pytest.mark.parametrize(
+    "call",
+    [lambda p: lb.half_cone((1.0, 1.0), p), lambda p: lb.error_percentile(np.arange(99.0), p)],
+)
+def test_a_probability_is_at_most_one(call):
+    with pytest.raises(
+        ValueError, match="probability must be a finite number from 0 to 1, got 1.2"
+    ):
+        call(1.2)

@@ -559,3 +559,19 @@ def test_intervals_are_of_95_percent_unless_said():
         lambda **k: lb.fit_sensitivity(room, angle, **k).k_interval,
     ):
         np.testing.assert_array_equal(fit(), fit(confidence=0.95))
+
+
+@pytest.mark.parametrize("names", [(), ("",), (3,), ("a", 3), ("a", "a")])
+def test_sensors_are_named_by_words_and_once(names):
+    with pytest.raises(ValueError, match=r"Linear must name (its sensors|each sensor once)"):
+        Linear(*names)
+
+
+@pytest.mark.parametrize("degrees", [1e-3, 1.0, 1e3])
+def test_a_lag_is_found_behind_a_temperature_that_moves_a_little_or_much(degrees):
+    t = 30.0 * np.arange(120.0)
+    room = degrees * np.sin(t / 500)
+    noise = 0.02 * degrees * np.random.default_rng(11).standard_normal(120)
+    angle = 1e-6 * (lagged(room, t, 300.0) + noise)
+    found = lb.identify(Offset() + Lagged("s"), angle, {"s": room}, t, errors="white")
+    assert found.fitted.tau_s[0, 0] == pytest.approx(300.0, rel=0.05)
