@@ -35,10 +35,10 @@ test: $(READY)  ## check style and types, then run the tests
 	$(RUN)/ruff check
 	$(RUN)/ruff format --check
 	$(RUN)/mypy
-	$(RUN)/python -m pytest -n 2
+	$(ONE_THREAD) $(RUN)/python -m pytest -n 2
 
 test-floor: $(FLOOR_READY)  ## run the library's tests with the oldest packages that pyproject.toml allows
-	$(FLOOR_VENV)/bin/python -m pytest -n 2 $(addprefix tests/,$(FLOOR_ROOMS))
+	$(ONE_THREAD) $(FLOOR_VENV)/bin/python -m pytest -n 2 $(addprefix tests/,$(FLOOR_ROOMS))
 
 mutants: $(READY)  ## change one line at a time, and see whether a test notices (SEED=10 COUNT=200)
 	$(ONE_THREAD) $(RUN)/python benchmarks/mutants.py --seed $(SEED) --count $(COUNT)
