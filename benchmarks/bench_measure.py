@@ -152,9 +152,13 @@ def sha(measured: lb.Measurement) -> str:
     return hashlib.sha256(measured.table.to_csv(float_format="%.17g").encode()).hexdigest()
 
 
-def measured(path: Path, **run: object) -> str:
+def measurement(path: Path, **run: object) -> lb.Measurement:
     recording = lb.read_recording(path, detector=lb.Detector(**DETECTOR))
-    return sha(lb.measure(recording, spots=SPOTS, run=lb.Run(**run)))
+    return lb.measure(recording, spots=SPOTS, run=lb.Run(**run))
+
+
+def measured(path: Path, **run: object) -> str:
+    return sha(measurement(path, **run))
 
 
 def spent(who: str, work: Callable[[], str], alone: tuple[str, float, float] | None) -> tuple:
@@ -276,7 +280,7 @@ def main() -> None:
             row
             for count, path in ((LONG, folder / "long.tif"), (HOURS, folder / "hours.tif"))
             for row in at_once(
-                f"{count} frames", lambda pool, path=path: measured(path, executor=pool)
+                f"{count} frames", lambda pool, path=path: measurement(path, executor=pool)
             )
         ]
         report("measure", rows, more=[flat, *twice, *one_table(folder)], growths=[slow])

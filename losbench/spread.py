@@ -11,6 +11,7 @@ import ctypes
 import multiprocessing
 import os
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -21,10 +22,12 @@ from typing import Any, TypeVar
 
 __all__ = ["IN_FLIGHT", "spread"]
 
-IN_FLIGHT = 16  # chunks handed out at a time: memory stays bounded, and workers have a next one
+IN_FLIGHT = 16  # tasks handed out at a time: memory stays bounded, and workers have a next one
 
 Result = TypeVar("Result")
 Job = tuple[Any, ...]
+_TRIP_S, _MOST = 0.1, 64  # a task of several chunks takes no longer, and holds no more
+_PLACE = "_losbench_place"
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's mallopt
 
 
@@ -42,7 +45,8 @@ def spread(
     work : callable
         For processes it must pickle: a function of a module, or a `functools.partial` of one.
     jobs : iterable of tuple
-        Taken as they are needed, `IN_FLIGHT` ahead.
+        Taken as they are needed, `IN_FLIGHT` tasks ahead: of one job each or, where jobs take less
+        than a tenth of a second, of several.
     executor : optional
         Who works; None: this thread.
     named : callable
@@ -79,26 +83,26 @@ def _one_by_one(
 
 
 def _in_flight(
-    work: Callable[..., Result], jobs: Iterable[Job], executor: Any, named: Callable[..., str]
-) -> Iterator[Result]:
-    flying: deque[tuple[Job, Any]] = deque()
+    work: _Elsewhere, jobs: Iterable[Job], executor: Any, named: Callable[..., str]
+) -> Iterator[Any]:
+    """Hand out one job at a time, or of short ones as many as are worth a trip."""
+    waiting, flying, many = iter(jobs), deque[tuple[list[Job], Any]](), 1
     try:
-        for job in jobs:
-            with _naming(named, job):
-                flying.append((job, executor.submit(work, *job)))
-            if len(flying) == IN_FLIGHT:
-                yield _landed(flying.popleft(), named)
-        while flying:
-            yield _landed(flying.popleft(), named)
+        while True:
+            while len(flying) < IN_FLIGHT and (batch := list(islice(waiting, many))):
+                with _naming(named, *batch):
+                    flying.append((batch, executor.submit(work.each, batch)))
+            if not flying:
+                return
+            batch, future = flying.popleft()
+            with _naming(named, *batch):
+                results, seconds = future.result()
+            yield from results
+            worth = int(len(batch) * _TRIP_S / max(seconds, 1e-9))
+            many = max(1, min(worth, 2 * len(batch), _MOST))
     finally:
         for _, future in flying:
             future.cancel()
-
-
-def _landed(flight: tuple[Job, Any], named: Callable[..., str]) -> Any:
-    job, future = flight
-    with _naming(named, job):
-        return future.result()
 
 
 def _mapped(
@@ -115,11 +119,14 @@ def _mapped(
 
 
 @contextmanager
-def _naming(named: Callable[..., str], job: Job) -> Iterator[None]:
+def _naming(named: Callable[..., str], *jobs: Job) -> Iterator[None]:
+    """Name the job that failed, or all of which one did."""
     try:
         yield
     except Exception as error:
-        error.add_note(f"in {named(*job)}")
+        place = vars(error).pop(_PLACE, None)
+        failed = jobs if place is None else jobs[place : place + 1]
+        error.add_note(f"in {', '.join(named(*job) for job in failed)}")
         raise
 
 
@@ -132,6 +139,18 @@ class _Elsewhere:
     def __call__(self, *job: Any) -> Any:
         _settle_in()
         return self.work(*job)
+
+    def each(self, jobs: list[Job]) -> tuple[list[Any], float]:
+        """What comes of some jobs, and how many seconds they took."""
+        _settle_in()
+        begun, results = time.perf_counter(), []
+        for place, job in enumerate(jobs):
+            try:
+                results.append(self.work(*job))
+            except Exception as error:
+                vars(error)[_PLACE] = place  # which travels with it, as its notes would not
+                raise
+        return results, time.perf_counter() - begun
 
 
 @cache

@@ -81,6 +81,42 @@ def test_a_failure_is_named_and_the_rest_cancelled(executor):
         assert all(future.cancelled() for future in executor.waiting)
 
 
+def test_short_jobs_travel_together_and_long_ones_alone():
+    sizes = []
+
+    class Counting(Later):
+        def submit(self, work, *job):
+            sizes.append(len(job[0]))
+            return super().submit(work, *job)
+
+    assert list(spread(abs, ((x,) for x in range(2000)), executor=Counting(), named=named)) == [
+        *range(2000)
+    ]
+    assert sizes[:IN_FLIGHT] == [1] * IN_FLIGHT
+    assert max(sizes) == 64 and sum(sizes) == 2000
+    sizes.clear()
+    list(spread(time.sleep, [(0.11,)] * 20, executor=Counting(), named=named))
+    assert sizes == [1] * 20
+
+
+def late(x):
+    if x == 1500:
+        raise UnicodeDecodeError("utf-8", b"abc", 0, 1, "no text")
+    return x
+
+
+def test_a_failure_among_short_jobs_is_named_across_processes():
+    context = multiprocessing.get_context("spawn")
+    jobs = ((x,) for x in range(4000))
+    with (
+        ProcessPoolExecutor(1, mp_context=context) as pool,
+        pytest.raises(UnicodeDecodeError) as failed,
+    ):
+        list(spread(late, jobs, executor=pool, named=named))
+    assert failed.value.__notes__ == ["in chunk 1500"]
+    assert set(vars(failed.value)) == {"__notes__"}
+
+
 def test_a_worker_that_is_killed_is_told_with_what_it_worked_on():
     context = multiprocessing.get_context("spawn")
     with (

@@ -23,6 +23,8 @@ from losbench.spread import IN_FLIGHT, spread
 
 __all__ = ["Study", "study"]
 
+_RUN, _RUNS = 16, 64  # chunks that are merged before they travel, where there are so many runs
+
 
 def study(
     trial: Callable[..., Mapping[str, ArrayLike]],
@@ -102,6 +104,8 @@ def study(
     root, shown = integer("seed", seed, low=0), boolean("progress", progress)
     chunks = -(-count // size)
     sizes = [min(size, count - k * size) for k in range(chunks)]
+    # Many chunks are merged where they are made, in runs that depend on nothing else.
+    together = max(1, min(_RUN, chunks // _RUNS))
     recipe: dict[str, Any] = {"n": count, "seed": root, "chunk": size}
     if out is not None:
         recipe |= {"trial": _described(trial), "grid": repr(axes)}
@@ -117,21 +121,21 @@ def study(
         for first in range(0, len(missing), IN_FLIGHT):
             group = missing[first : first + IN_FLIGHT]
             named = partial(_named, root, cells)
-            work = partial(_chunk, trial, root, chunks)
-            heads = [(c, cells[c], 0, sizes[0], None) for c in group]
+            work = partial(_run, trial, root, chunks)
+            heads = [(c, cells[c], 0, sizes[:1], None) for c in group]
             first_parts = spread(work, heads, executor=executor, named=named)
             for c, head in zip(group, first_parts, strict=True):
                 found[c] = head
                 bar.update()
                 if chunks == 1:
                     found[c].write(parts, c)
-            rest = [(c, k) for c in group for k in range(1, chunks)]
-            jobs = ((c, cells[c], k, sizes[k], found[c].middle) for c, k in rest)
+            rest = [(c, k) for c in group for k in range(1, chunks, together)]
+            jobs = ((c, cells[c], k, sizes[k : k + together], found[c].middle) for c, k in rest)
             other_parts = spread(work, jobs, executor=executor, named=named)
             for (c, k), part in zip(rest, other_parts, strict=True):
                 found[c] = found[c].merged(part)
-                bar.update()
-                if k == chunks - 1:
+                bar.update(min(together, chunks - k))
+                if k + together >= chunks:
                     found[c].write(parts, c)
         bar.close()
     names = {cell.names for cell in found.values()}
@@ -144,28 +148,42 @@ def study(
     return result
 
 
-def _chunk(
+def _run(
     trial: Callable[..., Mapping[str, ArrayLike]],
     seed: int,
     chunks: int,
     c: int,
     cell: dict[str, Any],
-    k: int,
-    size: int,
+    first: int,
+    sizes: list[int],
     middle: tuple[Floats, Floats] | None,
 ) -> Cell:
-    """Run one chunk of one cell, and return what is kept of it."""
-    with failures_counted() as tally:
-        result = trials_of(trial, seed, c * chunks + k, size, **cell)
-    converged = result.pop("converged", None)
-    failed = tally.failed if converged is None else int(np.count_nonzero(~converged.astype(bool)))
-    return Cell.of(result, failed, middle)
+    """Run chunks of one cell, one after another, and return what is kept of them."""
+    kept: Cell | None = None
+    for k, size in enumerate(sizes, first):
+        with failures_counted() as tally:
+            result = trials_of(trial, seed, c * chunks + k, size, **cell)
+        converged = result.pop("converged", None)
+        failed = (
+            tally.failed if converged is None else int(np.count_nonzero(~converged.astype(bool)))
+        )
+        part = Cell.of(result, failed, middle)
+        kept = part if kept is None else kept.merged(part)
+    assert kept is not None
+    return kept
 
 
 def _named(
-    seed: int, cells: list[dict[str, Any]], c: int, cell: object, k: int, size: int, *_: object
+    seed: int,
+    cells: list[dict[str, Any]],
+    c: int,
+    cell: object,
+    first: int,
+    sizes: list[int],
+    *_: object,
 ) -> str:
-    return f"chunk {k} of cell {c} {cells[c] or ''}, {size} trials of seed {seed}"
+    which = f"chunk {first}" if len(sizes) == 1 else f"chunks {first} to {first + len(sizes) - 1}"
+    return f"{which} of cell {c} {cells[c] or ''}, {sum(sizes)} trials of seed {seed}"
 
 
 def _axes(grid: Mapping[str, Sequence[Any]]) -> dict[str, tuple[Any, ...]]:

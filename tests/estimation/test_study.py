@@ -1,6 +1,7 @@
 """Moments and quantiles that merge, cells that draw apart, and runs that a kill does not undo."""
 
 import os
+import re
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
@@ -203,6 +204,30 @@ def test_a_full_disk_names_the_part_and_leaves_the_others(tmp_path, monkeypatch)
         "cell-000001.npz",
         "run.json",
     ]
+
+
+def test_many_chunks_are_merged_in_runs_whoever_works():
+    """128 chunks and more: two and more to a run."""
+    alone = lb.study(throw, {}, 4050, seed=2, chunk=30)
+    with ThreadPoolExecutor(3) as executor:
+        spread = lb.study(throw, {}, 4050, seed=2, chunk=30, executor=executor)
+    summaries_equal(alone, spread)
+    drawn = lb.monte_carlo(throw, 4050, seed=2, chunk=30)
+    seen = np.column_stack([drawn["x"], drawn["hit"]])
+    assert alone.summaries[0].n == 4050
+    np.testing.assert_allclose(alone.to_frame()["mean"], seen.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(alone.covariance(), np.cov(seen.T), rtol=1e-10, atol=1e-15)
+
+    def unlucky(rng, size):
+        if rng.random() > 0.98:
+            raise ValueError("no luck")
+        return {"x": np.zeros(size)}
+
+    with pytest.raises(ValueError, match="no luck") as failed:
+        lb.study(unlucky, {}, 4050, seed=2, chunk=30)
+    assert re.fullmatch(
+        r"in chunks \d+ to \d+ of cell 0 , 60 trials of seed 2", failed.value.__notes__[0]
+    )
 
 
 def test_a_failing_chunk_is_named_and_cancels_the_rest():
