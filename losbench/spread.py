@@ -26,7 +26,7 @@ IN_FLIGHT = 16  # tasks handed out at a time: memory stays bounded, and workers 
 
 Result = TypeVar("Result")
 Job = tuple[Any, ...]
-_TRIP_S, _MOST = 0.1, 64  # a task of several chunks takes no longer, and holds no more
+_TRIP_S, _MOST = 0.25, 64  # a task of several chunks takes no longer, and holds no more
 _PLACE = "_losbench_place"
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's mallopt
 
@@ -46,7 +46,7 @@ def spread(
         For processes it must pickle: a function of a module, or a `functools.partial` of one.
     jobs : iterable of tuple
         Taken as they are needed, `IN_FLIGHT` tasks ahead: of one job each or, where jobs take less
-        than a tenth of a second, of several.
+        than a quarter of a second, of several.
     executor : optional
         Who works; None: this thread.
     named : callable

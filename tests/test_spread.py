@@ -95,7 +95,7 @@ def test_short_jobs_travel_together_and_long_ones_alone():
     assert sizes[:IN_FLIGHT] == [1] * IN_FLIGHT
     assert max(sizes) == 64 and sum(sizes) == 2000
     sizes.clear()
-    list(spread(time.sleep, [(0.11,)] * 20, executor=Counting(), named=named))
+    list(spread(time.sleep, [(0.26,)] * 20, executor=Counting(), named=named))
     assert sizes == [1] * 20
 
 
