@@ -162,7 +162,7 @@ def measure_rows():
                 centroid_sources(image, p[:, 0], p[:, 1], box_size=WINDOW, centroid_func=function)
 
         calls |= {"com": lambda _: sources(centroid_com), "2dg": lambda _: sources(centroid_2dg)}
-        peers += [("eiwa", "com", "photutils centroid_sources(com)", 8.0)]
+        peers += [("eiwa", "com", "photutils centroid_sources(com)", 1.0)]
         peers += [("weighted", "2dg", "photutils centroid_2dg", 80.0)]
     else:
         print("photutils is not installed: its row is left out")
