@@ -1,6 +1,6 @@
 // The picture of an explorer, with handles over it. One question to the kernel is under way; of what
 // comes in between only the latest waits, so that the picture stands still when the hand does.
-const PATIENCE_MS = 3000, QUIET_MS = 250, SHARPEST = 2;
+const PATIENCE_MS = 3000, QUIET_MS = 200, SHARPEST = 2;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 const make = (parent, tag, name, role = null) => {
