@@ -1,6 +1,7 @@
 """What several tests share: real recordings, and the camera of lyu2015 with its smeared stars."""
 
 import dataclasses
+import inspect
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -116,3 +117,17 @@ def sense():
         )
 
     return path
+
+
+@pytest.fixture
+def defaults_of():
+    """What a class or a function takes where nothing is said, by name; what a factory makes is
+    none.
+    """
+
+    def found(thing):
+        if inspect.isclass(thing):
+            return {field.name: field.default for field in dataclasses.fields(thing)}
+        return {name: one.default for name, one in inspect.signature(thing).parameters.items()}
+
+    return found

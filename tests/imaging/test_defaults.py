@@ -1,20 +1,10 @@
 """What a call does where nothing is said: the defaults that the reference shows, and a table of all that
 was measured."""
 
-import inspect
-from dataclasses import fields
-
 import numpy as np
 import pytest
 
 import losbench as lb
-
-
-def defaults_of(thing):
-    """By name; what a factory makes is none."""
-    if inspect.isclass(thing):
-        return {field.name: field.default for field in fields(thing)}
-    return {name: one.default for name, one in inspect.signature(thing).parameters.items()}
 
 
 @pytest.mark.parametrize(
@@ -56,7 +46,7 @@ def defaults_of(thing):
     ],
     ids=lambda each: getattr(each, "__name__", ""),
 )
-def test_defaults_of_the_public_face_are_changed_on_purpose(thing, known):
+def test_defaults_of_the_public_face_are_changed_on_purpose(thing, known, defaults_of):
     found = defaults_of(thing)
     assert {name: found[name] for name in known} == known
 

@@ -1,20 +1,11 @@
 """Defaults of the public face of recordings, which the reference shows."""
 
-import inspect
-from dataclasses import fields
-
 import pytest
 
 import losbench as lb
 from losbench.recording.angles import Angles
 from losbench.recording.frames.raw import RawLayout
 from losbench.recording.second import second_opinion
-
-
-def defaults_of(thing):
-    if inspect.isclass(thing):
-        return {field.name: field.default for field in fields(thing)}
-    return {name: one.default for name, one in inspect.signature(thing).parameters.items()}
 
 
 @pytest.mark.parametrize(
@@ -31,6 +22,6 @@ def defaults_of(thing):
     ],
     ids=lambda each: getattr(each, "__name__", ""),
 )
-def test_defaults_of_the_public_face_are_changed_on_purpose(thing, known):
+def test_defaults_of_the_public_face_are_changed_on_purpose(thing, known, defaults_of):
     found = defaults_of(thing)
     assert {name: found[name] for name in known} == known
