@@ -6,7 +6,7 @@ import inspect
 import itertools
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -159,18 +159,15 @@ def _run(
     middle: tuple[Floats, Floats] | None,
 ) -> Cell:
     """Run chunks of one cell, one after another, and return what is kept of them."""
-    kept: Cell | None = None
-    for k, size in enumerate(sizes, first):
+
+    def chunk(k: int, size: int) -> Cell:
         with failures_counted() as tally:
             result = trials_of(trial, seed, c * chunks + k, size, **cell)
-        converged = result.pop("converged", None)
-        failed = (
-            tally.failed if converged is None else int(np.count_nonzero(~converged.astype(bool)))
-        )
-        part = Cell.of(result, failed, middle)
-        kept = part if kept is None else kept.merged(part)
-    assert kept is not None
-    return kept
+        done = result.pop("converged", None)
+        failed = tally.failed if done is None else int(np.count_nonzero(~done.astype(bool)))
+        return Cell.of(result, failed, middle)
+
+    return reduce(Cell.merged, (chunk(k, size) for k, size in enumerate(sizes, first)))
 
 
 def _named(
