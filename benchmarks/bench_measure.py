@@ -9,15 +9,14 @@ import hashlib
 import multiprocessing
 import os
 import resource
-import signal
 import struct
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +24,7 @@ import cv2
 import numpy as np
 import tifffile
 from records import growth
-from side_by_side import Row, at_once, in_turn, one_thread, report, within
+from side_by_side import Row, at_once, dask_workers, in_turn, one_thread, report, within
 
 import losbench as lb
 from losbench.imaging.methods import as_background, as_method
@@ -175,24 +174,9 @@ def spent(who: str, work: Callable[[], str], alone: tuple[str, float, float] | N
     return found, wall, processor
 
 
-def with_pool(path: Path, pool: Executor, **run: object) -> str:
+def with_pool(path: Path, pool: AbstractContextManager[Executor], **run: object) -> str:
     with pool as executor:
         return measured(path, executor=executor, **run)
-
-
-def with_dask(path: Path, *, kill: bool) -> str:
-    from distributed import Client, LocalCluster
-
-    with (
-        LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        if kill:
-            victim = next(iter(client.run(os.getpid).values()))
-            threading.Timer(0.5, os.kill, (victim, signal.SIGKILL)).start()
-        return measured(path, executor=client.get_executor(), chunk=32)
 
 
 def killed_and_resumed(path: Path, folder: Path) -> str:
@@ -218,8 +202,10 @@ def one_table(folder: Path) -> list[dict]:
         "two processes": lambda: with_pool(path, ProcessPoolExecutor(2, mp_context=spawn)),
         "four processes": lambda: with_pool(path, ProcessPoolExecutor(4, mp_context=spawn)),
         "two threads": lambda: with_pool(path, ThreadPoolExecutor(2)),
-        "dask, two workers": lambda: with_dask(path, kill=False),
-        "dask, one of two killed": lambda: with_dask(path, kill=True),
+        "dask, two workers": lambda: with_pool(path, dask_workers(), chunk=32),
+        "dask, one of two killed": lambda: with_pool(
+            path, dask_workers(kill_after_s=0.5), chunk=32
+        ),
         "killed, damaged, resumed": lambda: killed_and_resumed(path, folder),
     }
     alone = spent("one process", lambda: measured(path), None)

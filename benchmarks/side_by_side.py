@@ -3,7 +3,9 @@
 import argparse
 import csv
 import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -84,7 +86,7 @@ def at_once(what: str, work: Callable[[Executor | None], object]) -> list[dict[s
     before = _busy_cores()
     alone_s, alone_cpu_s = _spent(lambda: work(None))
     rows = []
-    for who, pool, at_least in (("two processes", _processes, 1.6), ("dask", _dask, 1.5)):
+    for who, pool, at_least in (("two processes", _processes, 1.6), ("dask", dask_workers, 1.5)):
         busy, both = max(before, _busy_cores()), []
 
         def pooled(pool=pool, both=both) -> None:
@@ -120,11 +122,15 @@ def _processes() -> ProcessPoolExecutor:
 
 
 @contextmanager
-def _dask() -> Iterator[Executor]:
+def dask_workers(*, kill_after_s: float | None = None) -> Iterator[Executor]:
+    """Two workers of a local cluster, one of which may be killed."""
     from distributed import Client, LocalCluster
 
     local = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
     with LocalCluster(n_workers=2, **local) as cluster, Client(cluster) as client:
+        if kill_after_s is not None:
+            victim = next(iter(client.run(os.getpid).values()))
+            threading.Timer(kill_after_s, os.kill, (victim, signal.SIGKILL)).start()
         yield client.get_executor()
 
 
