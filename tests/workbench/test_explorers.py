@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from ipywidgets import interactive
 from ipywidgets.widgets.widget import _instances
+from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from PIL import Image
@@ -48,6 +49,7 @@ from losbench.workbench.explorers.controls import (
     numbers,
     whole_number,
 )
+from losbench.workbench.explorers.picture import Picture, style
 
 EXPLORERS = [
     CentroidExplorer,
@@ -164,6 +166,27 @@ def test_a_picture_that_was_moved_is_the_one_drawn_from_scratch(kind, explorer):
             assert fresh.numbers.value == explorer.numbers.value
     explorer.reset()
     assert explorer.view.png == first
+
+
+def test_axes_drawn_one_by_one_are_the_figure_drawn_at_once():
+    rng = np.random.default_rng(8)
+    figure = Figure(figsize=(7.0, 3.0), dpi=100)
+    figure.suptitle("beside the axes")
+    panels = figure.subplots(1, 3)
+    (line,) = panels[0].plot([0.0, 1.0], [0.0, 1.0])
+    for axes in panels:
+        axes.plot(rng.normal(size=50), label="stands still")
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.2))
+    picture = Picture(figure, [line])
+    for top in [5.0, *rng.permutation(np.geomspace(1.0, 1e3, 15)), 5.0]:
+        panels[0].set_ylim(-top, top)
+        panels[2].set_xlim(0.0, top)
+        shown = cv2.imdecode(np.frombuffer(picture.png(""), np.uint8), cv2.IMREAD_COLOR)
+        canvas = figure.canvas
+        with mpl.rc_context(style()):
+            canvas.draw()
+        figure.draw_artist(line)
+        assert np.array_equal(shown, np.asarray(canvas.buffer_rgba())[..., 2::-1])
 
 
 def test_new_noise_is_another_picture_and_reset_the_first(explorer):

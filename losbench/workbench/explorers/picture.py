@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import is_color_like, to_rgb, to_rgba
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Floats
 from losbench.figures import use_style
@@ -29,6 +29,7 @@ _DPI = 100
 _INK, _PAPER, _LINES = "#E0E0E0", "#111111", "#3A3A3A"
 _COLOURED = ("color", "markerfacecolor", "markeredgecolor", "facecolor", "edgecolor")
 _SHARPEST_DPI = 2 * _DPI  # twice as fine costs 17 ms to draw and code, three times 38
+_KEPT = 24  # drawings of axes, of which only the inked pixels are kept
 _AFTER_HEADER = 33  # bytes of signature and IHDR chunk
 
 
@@ -59,8 +60,8 @@ class Picture:
     figure : Figure
         Complete, with the limits of its axes set.
     moving : iterable of artists
-        What changes from one picture to the next. Anything else is drawn anew only when limits
-        change.
+        What changes from one picture to the next. Anything else is drawn anew only when the limits
+        of its axes change.
     fixed : collection of axes
         Those whose y limits never change, and need room for no wider numbers than theirs.
     light : bool
@@ -85,8 +86,8 @@ class Picture:
             artist.set_animated(True)
         with mpl.rc_context(self._style):
             _lay_out(figure, [axes for axes in figure.axes if axes not in fixed])
+        self._inked: dict[Any, tuple[NDArray[np.int32], NDArray[np.uint8]]] = {}
         self._limits: list[Any] = []
-        self._still: Any = None
 
     def resize(self, width_px: float) -> None:
         """Draw so many pixels wide from now on, the same figure."""
@@ -95,7 +96,7 @@ class Picture:
         if dpi != self._figure.dpi:
             self._figure.set_dpi(dpi)
             self._canvas = FigureCanvasAgg(self._figure)
-            self._limits = []
+            self._inked, self._limits = {}, []
 
     def place(self, axes: Axes, x: float, y: float) -> Floats:
         """Where a point of the axes is in the picture: shares (2,) from the left and the top."""
@@ -109,21 +110,21 @@ class Picture:
         return np.clip(axes.transData.inverted().transform(shown), ends[:, 0], ends[:, 1])
 
     def png(self, description: str) -> bytes:
-        """Draw what moves, everything if limits have changed, and return the picture, which carries
+        """Draw what moves, and axes whose limits have changed; return the picture, which carries
         its description.
         """
         import cv2
 
-        limits = [(axes.get_xlim(), axes.get_ylim()) for axes in self._figure.axes]
+        pixels = np.asarray(self._canvas.buffer_rgba())
+        limits = [(axes, axes.get_xlim(), axes.get_ylim()) for axes in self._figure.axes]
         if limits != self._limits:
             with mpl.rc_context(self._style):
-                self._canvas.draw()
-            self._still = self._canvas.copy_from_bbox(self._figure.bbox)
+                self._still = self._stood_still(limits)
             self._limits = limits
-        self._canvas.restore_region(self._still)
+        pixels[:] = self._still
         for artist in self._moving:
             self._figure.draw_artist(artist)
-        pixels = cv2.cvtColor(np.asarray(self._canvas.buffer_rgba()), cv2.COLOR_RGBA2BGR)
+        picture = cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGR)
         # Areas of one colour: unfiltered rows code six times faster than filtered ones, and
         # smaller.
         coding = [
@@ -132,7 +133,28 @@ class Picture:
             cv2.IMWRITE_PNG_FILTER,
             cv2.IMWRITE_PNG_FILTER_NONE,
         ]
-        return _described(bytes(cv2.imencode(".png", pixels, coding)[1]), description)
+        return _described(bytes(cv2.imencode(".png", picture, coding)[1]), description)
+
+    def _stood_still(self, limits: Sequence[Any]) -> NDArray[np.uint8]:
+        """Pixels of all that does not move; of axes with limits that they had before, as then."""
+        for axes in self._figure.axes:
+            axes.set_visible(False)
+        self._canvas.draw()
+        for axes in self._figure.axes:
+            axes.set_visible(True)
+        pixels: NDArray[np.uint8] = np.asarray(self._canvas.buffer_rgba())
+        empty, still = pixels.copy(), pixels.copy()
+        for key in limits:
+            if key not in self._inked:
+                pixels[:] = empty
+                self._figure.draw_artist(key[0])
+                where = np.flatnonzero((pixels != empty).any(axis=2)).astype(np.int32)
+                self._inked[key] = where, pixels.reshape(-1, 4)[where]
+            where, ink = self._inked[key]
+            still.reshape(-1, 4)[where] = ink
+        while len(self._inked) > _KEPT:
+            del self._inked[next(iter(self._inked))]
+        return still
 
 
 def _lighten(figure: Figure) -> None:
