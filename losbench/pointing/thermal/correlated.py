@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpttrf, dpttrs
+from scipy.linalg.lapack import dpotrf, dpttrf, dpttrs
 
 from losbench.arrays import Floats
 
@@ -21,6 +21,7 @@ _PRIOR_SIGMA = 3.0  # of the logarithms of the noise's parameters, where the rec
 _CLEARLY = 9.2  # twice the gain in log-likelihood: 1 % for two parameters more
 _AS_WELL = 4.6  # the same of two memories, of which neither is ten times as likely
 _DEPENDENT = 1e-10  # relative singular value of a direction of columns that rounding alone makes
+_SIMPLEX = np.array([[0.0, 0.0], [0.7, 0.0], [0.0, 1.5]])  # half as far as the starts lie apart
 _STEP = 0.1  # in those logarithms, for derivatives
 
 
@@ -103,11 +104,13 @@ def fit_noise(columns: Floats, y: Floats, time_s: Floats) -> Noise:
         return _reml(both, time_s, Noise(*np.exp(inside))) + 10.0 * beyond
 
     taus = np.log(np.geomspace(0.7 * step, max(span / 5.0, step), 6))
-    options: Any = {"xatol": 1e-3, "fatol": 1e-4, "maxfev": 100}
+    options: Any = {"xatol": 3e-3, "fatol": 1e-3, "maxfev": 200}
     found = []
     for some in (taus[:3], taus[3:]):
         tried = [np.array([tau, ratio]) for tau in some for ratio in (-5.0, 0.0, 3.0)]
-        found.append(minimize(cost, min(tried, key=cost), method="Nelder-Mead", options=options))
+        start = min(tried, key=cost)
+        options["initial_simplex"] = start + _SIMPLEX
+        found.append(minimize(cost, start, method="Nelder-Mead", options=options))
     short, long = sorted(found, key=lambda one: float(one.x[0]))
     best = long if long.fun - short.fun < _AS_WELL else short
     return Noise(*(float(v) for v in np.exp(np.clip(best.x, low, high))))
@@ -177,8 +180,16 @@ def _solved(gram: Floats, log_det: float, n: int, p: int) -> tuple[float, Floats
 
 
 def _reml(both: Floats, time_s: Floats, noise: Noise) -> float:
-    p = both.shape[1] - 1
-    return _solved(*noise.gram(both, time_s), both.shape[0], p)[3]
+    """The restricted -2 log-likelihood of `_solved`, three times as fast: the Cholesky factor of
+    columns and y together ends in the root of what is left.
+    """
+    n, p = both.shape[0], both.shape[1] - 1
+    gram, log_det = noise.gram(both, time_s)
+    factor, failed, *_ = dpotrf(gram, lower=True)
+    if failed:
+        return _solved(gram, log_det, n, p)[3]
+    size = np.log(np.diagonal(factor))
+    return float(2.0 * ((n - p) * size[p] + size[:p].sum())) + log_det
 
 
 def _relative_variance(both: Floats, time_s: Floats, noise: Noise, scale2: float) -> Floats:
