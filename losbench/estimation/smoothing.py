@@ -21,6 +21,7 @@ __all__ = ["Smoothed", "kalman_smooth"]
 _FEWEST = 4  # present samples: two for the unknown start, two to tell noise from motion
 _SAME_LIKELIHOOD = 1e-2
 _ROUNDING = 64 * np.finfo(float).eps
+_NOTHING = 1e-100  # error of a series of zeros, whose square is still a number
 _STARTS = (
     (1.0, 1e-3, 1e-5),
     (0.1, 1.0, 1e-2),
@@ -129,12 +130,15 @@ def _smooth(y: Floats, variances: Floats | None) -> Smoothed:
     if len(present) < _FEWEST:
         return _nothing(len(y))
     offset = y[present[0]]
-    # Noise alone leaves steps of sqrt(2) of its size; on an exact line there is only rounding to
-    # normalise by.
     slopes = np.diff(y[present]) / np.diff(present)
     rounding = _ROUNDING * float(np.abs(y[present]).max())
     exact = bool(np.ptp(slopes) <= rounding)
-    unit = (rounding or 1.0) if exact else float(np.std(slopes)) / np.sqrt(2.0)
+    if variances is not None:
+        unit = float(np.sqrt(variances.max()))
+    elif exact:  # there is only rounding to normalise by, and of zeros not even that
+        unit = rounding or _NOTHING
+    else:  # noise alone leaves steps of sqrt(2) of its size
+        unit = float(np.std(slopes)) / np.sqrt(2.0)
     model = _model((y - offset) / unit)
     if variances is not None:
         scaled, converged = variances / unit**2, True

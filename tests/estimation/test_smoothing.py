@@ -141,7 +141,27 @@ def test_an_exact_line_stays_what_it_is(y):
     fit = lb.kalman_smooth(gappy)
     np.testing.assert_allclose(fit.smoothed, y, atol=1e-12)
     assert fit.converged
-    assert np.isfinite(fit.smoothed_std).all()
+    assert (0.0 < fit.smoothed_std).all()
+    size = np.abs(y).max()
+    assert (fit.smoothed_std <= max(64 * np.finfo(float).eps * size, 1e-99)).all()
+    np.testing.assert_allclose(np.sqrt(fit.variances), [max(64 * 2**-52 * size, 1e-100), 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("bend", "exact"), [(60.0, True), (70.0, False)])
+def test_a_line_is_exact_to_64_roundings_of_its_size(bend, exact):
+    """A step in its middle by so many roundings, between slopes of none."""
+    y = np.ones(21)
+    y[10:] += bend * np.finfo(float).eps
+    variance = lb.kalman_smooth(y).variances[0]
+    expected = pytest.approx((64 * np.finfo(float).eps) ** 2, rel=1e-9, abs=0.0)
+    assert (variance == expected) == exact
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_given_variances_have_their_unit_on_an_exact_line_too(unit):
+    fit = lb.kalman_smooth(np.zeros(5), variances=[unit**2, 0.0, 0.0])
+    np.testing.assert_allclose(fit.smoothed_std[2], unit / np.sqrt(5.0), rtol=1e-9)
+    np.testing.assert_allclose(fit.variances, [unit**2, 0.0, 0.0], rtol=1e-15)
 
 
 def test_a_column_with_too_few_samples_is_flagged_and_the_others_go_on():

@@ -314,6 +314,21 @@ def test_the_noise_floor_is_sought_up_to_a_quarter_of_the_record():
         lb.noise_floor(rng.standard_normal(7), rate_hz=2.0)
 
 
+def test_a_noise_floor_is_sought_among_the_averages_that_gaps_leave():
+    series = np.random.default_rng(24).standard_normal(64)
+    series[5::6] = np.nan  # five samples in a row: two averages of two of them, none of four
+    floor = lb.noise_floor(series, rate_hz=1.0)
+    deviation = lb.allan_deviation(series, rate_hz=1.0, tau_s=[1.0, 2.0, 4.0])
+    assert np.isnan(deviation).tolist() == [False, False, True]
+    assert floor["sample"] == deviation[0]
+    assert (floor["allan_minimum"], floor["tau_s"]) == min(
+        zip(deviation[:2], (1.0, 2.0), strict=True)
+    )
+    series[::2] = np.nan
+    with pytest.raises(ValueError, match="series must hold two neighbouring samples"):
+        lb.noise_floor(series, rate_hz=1.0)
+
+
 def test_the_factors_of_a_budget_are_root_mean_squares():
     """A slow sine at two instants half a period apart, where it differs most."""
     phase = 2 * np.pi * (np.arange(360) + 0.5) / 360
