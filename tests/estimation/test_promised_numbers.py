@@ -213,3 +213,34 @@ def test_how_far_off_bad_rows_are_makes_no_difference_to_the_trimmed_fit(far):
     expected, found = lb.lts(design, near), lb.lts(design, off)
     np.testing.assert_array_equal(found.weights, expected.weights)
     np.testing.assert_allclose(found.x, expected.x, rtol=0, atol=1e-12)
+
+
+DESIGN, VALUES = np.vander(np.arange(9.0), 2), np.sin(np.arange(9.0))
+
+
+@pytest.mark.parametrize(
+    ("call", "value", "message"),
+    [
+        (
+            lambda v: lb.allan_deviation(
+                VALUES, rate_hz=1.0, tau_s=[1.0], errors=True, confidence=v
+            ),
+            1.01,
+            "confidence .* from 0 to 1,",
+        ),
+        (lambda v: lb.mm(DESIGN, VALUES, efficiency=v), 1.01, "efficiency .* from 0 to 1,"),
+        (lambda v: lb.tuned(lb.Huber(), v), 1.01, "efficiency .* from 0 to 1,"),
+        (lambda v: lb.irls(DESIGN, VALUES).outliers(v), -1.0, "threshold .* of at least 0,"),
+        (lambda v: lb.irls(DESIGN, VALUES, tolerance=v), -1.0, "tolerance .* of at least 0,"),
+        (lambda v: lb.irls(DESIGN, VALUES, max_iter=v), 0, "max_iter .* of at least 1,"),
+        (lambda v: lb.lts(DESIGN, VALUES, starts=v), 0, "starts .* of at least 1,"),
+        (lambda v: lb.mm(DESIGN, VALUES, starts=v), 0, "starts .* of at least 1,"),
+        (lambda v: lb.lts(DESIGN, VALUES, h=v), 1, "h .* from 2 to 9,"),
+        (lambda v: lb.lts(DESIGN, VALUES, h=v), 10, "h .* from 2 to 9,"),
+        (lambda v: lb.Huber(v), -1.0, "c .* of at least 0,"),
+        (lambda v: lb.tuned(lb.Huber(), 0.95, rows=v), 0, "rows .* of at least 1,"),
+    ],
+)
+def test_a_number_has_the_limits_that_it_is_told(call, value, message):
+    with pytest.raises(ValueError, match=message):
+        call(value)

@@ -141,7 +141,7 @@ def test_an_exact_line_stays_what_it_is(y):
     fit = lb.kalman_smooth(gappy)
     np.testing.assert_allclose(fit.smoothed, y, atol=1e-12)
     assert fit.converged
-    assert (0.0 < fit.smoothed_std).all()
+    assert (fit.smoothed_std > 0.0).all()
     size = np.abs(y).max()
     assert (fit.smoothed_std <= max(64 * np.finfo(float).eps * size, 1e-99)).all()
     np.testing.assert_allclose(np.sqrt(fit.variances), [max(64 * 2**-52 * size, 1e-100), 0.0, 0.0])

@@ -180,7 +180,7 @@ def test_what_is_wanted_is_met_up_to_its_limit(limit, meets):
 
 
 def test_directions_cover_half_a_sphere_evenly():
-    sphere = room._half_sphere(400)
+    sphere = room._half_sphere.__wrapped__(400)
     np.testing.assert_allclose(np.linalg.norm(sphere, axis=1), 1.0)
     assert (sphere[:, 2] > 0).all()
     anywhere = np.random.default_rng(12).standard_normal((4000, 3))
@@ -235,3 +235,95 @@ def test_a_map_is_drawn_over_the_whole_sensor(monkeypatch):
 
 def test_spots_may_be_asked_to_be_apart_by_less_than_a_pixel():
     assert lb.design_layout(2, CAMERA, 0.02, apart_px=0.5).xy_px.shape == (2, 2)
+
+
+# The search, with costs made by hand
+
+FIELD = np.array([[0.0, 0.0], [1400.0, 700.0]])
+
+
+def searched(cost, start, monkeypatch, apart=0.0):
+    """Layout that the search ends with, its cost, and all layouts (m, n, 2) it looked at, call by
+    call.
+    """
+    looked = []
+
+    def costs(task, layouts):
+        looked.append(layouts.copy())
+        return [(0.0, float(cost(layout))) for layout in layouts]
+
+    monkeypatch.setattr(room, "_costs", costs)
+    layout, (_, found) = room._exchanged(None, np.array(start, dtype=float), FIELD, apart)
+    return layout, found, looked
+
+
+def test_a_spot_is_tried_on_fifteen_by_as_fine_a_grid_and_then_nearer_and_nearer(monkeypatch):
+    target = np.array([[333.0, 222.0], [0.0, 0.0]])
+    layout, _, looked = searched(
+        lambda xy: np.abs(xy - target).sum(), [[1.0, 1.0], [0.0, 0.0]], monkeypatch
+    )
+    first = looked[1][:, 0]  # of spot 0, the other stays
+    assert sorted(set(first[:, 0])) == pytest.approx(np.linspace(0, 1400, 15))
+    assert sorted(set(first[:, 1])) == pytest.approx(np.linspace(0, 700, 8))
+    assert len(first) == 15 * 8
+    assert (looked[1][:, 1] == 0.0).all()
+    assert np.abs(layout - target).max() <= 100.0 / 16 / 2 + 1e-9
+    steps = [np.ptp(some[:, 0], axis=0) for some in looked[1:] if len(some) == 9]
+    sizes = {step[0] for step in steps} - {0.0}  # of spot 0, and none while the other moves
+    assert sizes == {100.0, 50.0, 25.0, 12.5}  # twice the step, to both sides
+    assert all(step[0] == step[1] for step in steps)
+
+
+def test_the_search_goes_on_until_no_spot_moves(monkeypatch):
+    """Two spots that want to lie close together and far to the right: neither can go alone."""
+
+    def cost(xy):
+        return 4.0 * np.linalg.norm(xy[0] - xy[1]) + np.linalg.norm(
+            xy.sum(axis=0) - [1800.0, 777.0]
+        )
+
+    layout, found, _ = searched(cost, [[20.0, 20.0], [130.0, 20.0]], monkeypatch)
+    step = 100.0 / 16
+    for spot in (0, 1):
+        for move in ([step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]):
+            other = layout.copy()
+            other[spot] = np.clip(other[spot] + move, *FIELD)
+            assert cost(other) >= found
+    assert found == cost(layout) < cost(np.array([[20.0, 20.0], [130.0, 20.0]]))
+
+
+def test_spots_keep_their_distance_and_the_margin_while_they_are_moved(monkeypatch):
+    layout, _, looked = searched(
+        lambda xy: -xy.sum(), [[0.0, 0.0], [700.0, 0.0]], monkeypatch, apart=100.0
+    )
+    for some in looked:
+        assert (some >= FIELD[0]).all() and (some <= FIELD[1]).all()
+        assert np.linalg.norm(some[:, 0] - some[:, 1], axis=-1).min() >= 100.0
+    assert sorted(layout.tolist()) == [[1300.0, 700.0], [1400.0, 700.0]] or sorted(
+        layout.tolist()
+    ) == [[1400.0, 600.0], [1400.0, 700.0]]
+    far = searched(lambda xy: -xy.sum(), [[0.0, 0.0], [1400.0, 0.0]], monkeypatch, apart=2e3)[0]
+    np.testing.assert_array_equal(far, [[0.0, 0.0], [1400.0, 0.0]])  # no place is far enough
+
+
+def test_more_bad_spots_than_wanted_weigh_before_any_error():
+    found = lb.design_layout(4, CAMERA, 0.02, survives=1)
+    inside = np.array([[900.0, 500.0], [1000.0, 500.0], [900.0, 600.0], [20.0, 20.0]])
+    (none, worst), (much, _) = room._costs(found, np.stack([found.xy_px, inside]))
+    assert worst == pytest.approx(found.worst)
+    share = room.largest_shares(rows_of(inside), directions=200)[1]
+    assert none == 0.0 and much == pytest.approx(share - 0.49)
+    assert room._costs(replace(found, wanted_survives=0), inside[None])[0][0] == 0.0
+
+
+@pytest.mark.parametrize(("apart", "open_"), [(1e-2, False), (2e-3, False), (1e-6, True)])
+def test_spots_a_thousandth_of_a_pixel_apart_still_tell_a_rotation(apart, open_):
+    found = lb.design_layout(2, CAMERA, 0.02)
+    place = found.xy_px[1] + [apart, 0.0]
+    if open_:
+        assert found.map(0, place) == np.inf
+        return
+    moved = np.stack([place, found.xy_px[1]])
+    cov = lb.attitude_covariance(CAMERA.points_mm(moved), 0.02 * CAMERA.pixel_mm)
+    errors = lb.units.rad_to_arcsec(np.sqrt(np.diag(cov)))
+    assert found.map(0, place) == pytest.approx(errors.max(), rel=0.05)

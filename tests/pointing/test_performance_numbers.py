@@ -477,3 +477,37 @@ def test_a_probability_is_at_most_one(call):
         ValueError, match="probability must be a finite number from 0 to 1, got 1.2"
     ):
         call(1.2)
+
+
+@pytest.mark.parametrize("route", ["windows", "spectrum"])
+def test_a_bias_costs_what_the_spectrum_at_rest_says(route):
+    """Of the square s + b^2 the bias has the variance 4 b^2 p / (2 T), p at the first frequency."""
+    rng = np.random.default_rng(25)
+    walk = np.cumsum(rng.standard_normal(4000)) * 0.03 + rng.standard_normal(4000)
+    t = 0.5 * np.arange(4000.0)
+    quiet, bias = walk - walk.mean(), 3.0
+    rest, moved = (lb.pointing_metrics(quiet + b, t, 20.0, route=route) for b in (0.0, bias))
+    frequency, density = moved.psd()
+    assert frequency[0] == 0.0 and not 0.8 < density[1] / density[2] < 1.25
+    for name in ("ape", "mpe"):
+        one, two = getattr(rest, name), getattr(moved, name)
+        square = one.value**2
+        assert two.value == pytest.approx(np.sqrt(square + bias**2), rel=1e-9)
+        variance = 2.0 * square**2 / (one.dof + 2.0)
+        variance += 4.0 * bias**2 * density[1] / (2.0 * 4000 * 0.5)
+        assert two.dof + 2.0 == pytest.approx(2.0 * (square + bias**2) ** 2 / variance, rel=1e-6)
+    for name in ("rpe", "smear", "jitter"):
+        assert getattr(rest, name).dof == pytest.approx(getattr(moved, name).dof, rel=1e-6)
+
+
+@pytest.mark.parametrize("axes", [None, 1, 3])
+def test_metrics_and_spectra_have_the_axes_of_their_angles(axes):
+    shape = (200,) if axes is None else (200, axes)
+    angles = np.random.default_rng(26).standard_normal(shape)
+    found = lb.pointing_metrics(angles, np.arange(200.0), 10.0, 20.0)
+    for name in ("ape", "mpe", "rpe", "pde", "pre", "smear", "jitter"):
+        metric = getattr(found, name)
+        assert np.shape(metric.value) == np.shape(metric.dof) == shape[1:]
+        assert np.shape(metric.interval) == (*shape[1:], 2)
+    frequency, density = found.psd()
+    assert density.shape == (*frequency.shape, *shape[1:])

@@ -370,3 +370,92 @@ def test_windows_hold_nine_frames_and_rates_two_seconds_unless_said():
         time_tag_offset(t, turn, other, convention=LAST, **k) for k in ({}, {"smooth_s": 2.0})
     )
     assert plain == said
+
+
+# Limits of what is given
+
+_T = np.arange(60.0)
+_ROOM = np.sin(_T / 5.0)
+_POINTS = np.array([[5.0, 75.0, 475.0], [-5.0, 75.0, 475.0], [5.0, -75.0, 475.0]])
+_STILL = np.tile([0.0, 0.0, 0.0, 1.0], (60, 1))
+_CAMERA = lb.Camera(focal_mm=260.0, pixel_um=10.0, shape=(1080, 1920))
+PROBABILITIES = {
+    "confidence": [
+        lambda v: lb.pointing_metrics(_ROOM, _T, 5.0, confidence=v),
+        lambda v: lb.error_percentile(_ROOM, 0.5, confidence=v),
+        lambda v: lb.identify(lb.terms.Linear("room"), _ROOM, {"room": _ROOM}, _T, confidence=v),
+    ],
+    "probability": [
+        lambda v: lb.error_percentile(_ROOM, v),
+        lambda v: lb.half_cone((1.0, 2.0), v),
+        lambda v: lb.PointingRequirement("R", "APE", 1.0, probability=v),
+    ],
+    "least_gain": [
+        lambda v: lb.choose(
+            {"room": lb.terms.Linear("room")}, _ROOM, {"room": _ROOM}, _T, least_gain=v
+        )
+    ],
+}
+
+
+@pytest.mark.parametrize("value", [-0.01, 1.01])
+@pytest.mark.parametrize(
+    ("name", "call"), [(name, call) for name, calls in PROBABILITIES.items() for call in calls]
+)
+def test_a_share_is_from_0_to_1(name, call, value):
+    with pytest.raises(ValueError, match=f"{name} must be a finite number from 0 to 1, got"):
+        call(value)
+
+
+@pytest.mark.parametrize(
+    ("call", "value", "message"),
+    [
+        (lambda v: lb.pointing_metrics(_ROOM, _T, v), -1.0, "window_s .* of at least 0,"),
+        (lambda v: lb.mtf(smear=v), -1.0, "smear .* of at least 0,"),
+        (lambda v: lb.noise_floor(_ROOM, rate_hz=v), -1.0, "rate_hz .* of at least 0,"),
+        (
+            lambda v: lb.PointingRequirement("R", "APE", 1.0, factor=v),
+            -1.0,
+            "factor .* of at least 0,",
+        ),
+        (
+            lambda v: lb.design_layout(3, _CAMERA, 0.1, margin_px=v),
+            -1.0,
+            "margin_px .* of at least 0,",
+        ),
+        (
+            lambda v: lb.design_layout(3, _CAMERA, 0.1, apart_px=v),
+            -1.0,
+            "apart_px .* of at least 0,",
+        ),
+        (
+            lambda v: interpolate_attitude(_T, _STILL, _T, convention=LAST, max_gap_s=v),
+            -1.0,
+            "max_gap_s .* of at least 0,",
+        ),
+        (
+            lambda v: check_design(_STILL, _STILL, convention=LAST, angle_deg=v),
+            181.0,
+            "angle_deg .* from 0 to 180,",
+        ),
+        (lambda v: lb.design_layout(v, _CAMERA, 0.1), 1, "n .* of at least 2,"),
+        (lambda v: lb.design_layout(3, _CAMERA, 0.1, survives=v), 3, "survives .* from 0 to 2,"),
+        (lambda v: lb.design_layout(3, _CAMERA, 0.1, stack=v), 0, "stack .* of at least 1,"),
+        (lambda v: lb.attitude_covariance(_POINTS, 1.0, stack=v), 0, "stack .* of at least 1,"),
+        (
+            lambda v: lb.solve_attitude(_POINTS, np.zeros((4, 3, 2)), stack=v),
+            0,
+            "stack .* of at least 1,",
+        ),
+        (
+            lambda v: lb.choose(
+                {"room": lb.terms.Linear("room")}, _ROOM, {"room": _ROOM}, _T, at_most=v
+            ),
+            0,
+            "at_most .* of at least 1,",
+        ),
+    ],
+)
+def test_a_number_has_the_limits_that_it_is_told(call, value, message):
+    with pytest.raises(ValueError, match=message):
+        call(value)

@@ -1,0 +1,93 @@
+"""How systems are brought into a safe form, each limit from either side: null spaces made by hand."""
+
+import numpy as np
+import pytest
+
+from losbench.estimation.robust.problem import (
+    _by_svd,
+    _in_range,
+    gram,
+    read_problem,
+    spd_inverse,
+)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_what_the_weights_leave_open_is_told_for_each_system_of_a_batch(order):
+    """Three rows of two unknowns; without the last one the second unknown is open."""
+    problem = read_problem([[1.0, 0.0], [2.0, 0.0], [0.0, 3.0]], np.ones((2, 3)))
+    weights = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]])[::order]
+    normal = gram(problem.basis, weights, problem.rank)
+    left = problem.left_by(spd_inverse(normal, 2), normal)
+    assert left.tolist() == [[True, True], [True, False]][::order]
+
+
+@pytest.mark.parametrize(("tilt", "left"), [(1e-7, False), (3e-9, False), (3e-10, True)])
+def test_an_unknown_is_left_open_by_a_billionth_of_it(tilt, left):
+    """One of two orthogonal rows is kept, which lies along the first unknown up to a tilt."""
+    problem = read_problem([[1.0, tilt], [-tilt, 1.0]], np.ones((1, 2)))
+    normal = gram(problem.basis, np.array([[1.0, 0.0]]), problem.rank)
+    assert problem.left_by(spd_inverse(normal, 2), normal).tolist() == [[left, False]]
+
+
+@pytest.mark.parametrize(("share", "determined"), [(1.5e-9, False), (0.7e-9, True)])
+def test_an_unknown_that_a_null_vector_moves_by_a_billionth_is_not_determined(share, determined):
+    """Two unit columns that are the same but for a share of a third."""
+    rng = np.random.default_rng(1)
+    first, second = np.linalg.qr(rng.standard_normal((30, 2)))[0].T
+    columns = np.stack([first, second, first + np.sqrt(2.0) * share * second])
+    assert _by_svd(columns[None])[2][0].tolist() == [False, determined, False]
+
+
+@pytest.mark.parametrize(("times", "determined"), [(7.5, True), (13.0, False)])
+def test_a_small_direction_tilts_the_null_space_by_ten_times_its_rounding(times, determined):
+    """Beside a pair of columns a millionth apart, rounding itself moves more than a billionth."""
+    axes = np.linalg.qr(np.random.default_rng(2).standard_normal((40, 4)))[0].T
+    one, other, apart, beside = axes
+    pair = np.stack([apart, apart + 1e-6 * beside])
+    pair /= np.linalg.norm(pair, axis=1)[:, None]
+    singular = np.linalg.svd(np.stack([one, other, one, *pair]))[1]
+    rounding = 40 * np.finfo(float).eps * singular[0] / singular[3]
+    share = times * rounding
+    columns = np.stack([one, other, one + np.sqrt(2.0) * share * other, *pair])
+    assert 10.0 * rounding > 2e-9
+    known = _by_svd(columns[None])[2][0]
+    assert known.tolist() == [False, determined, False, True, True]
+
+
+def test_rows_whose_squares_keep_their_digits_have_the_unit_one():
+    for size in (1e-98, 1.0, 1e98):
+        rows, unit, norm = _in_range(np.array([[3.0 * size, 4.0 * size]]))
+        assert unit.tolist() == [1.0] and norm[0] == pytest.approx(5.0 * size)
+        assert (rows == [[3.0 * size, 4.0 * size]]).all()
+    for sizes in ([1e-102, 1.0], [1.0, 1e102], [1e-320, 1e300]):
+        given = np.array([[3.0, 4.0]]) * np.array(sizes)[:, None]
+        rows, unit, norm = _in_range(given)
+        assert (np.frexp(unit)[0] == 0.5).all() and (unit[:, None] * rows == given).all()
+        np.testing.assert_allclose(norm * unit, 1.25 * given[:, 1], rtol=1e-3)
+        assert (norm > 1e-30).all() and (norm < 2.0).all()
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-200, 1.0, 1e6])
+def test_a_perfect_fit_is_one_to_sixteen_roundings_of_the_observations(size):
+    """In working units, which are the user's here but for the smallest."""
+    problem = read_problem(np.ones((2, 1)), np.array([3.0, 4.0]) * size)
+    rounding = 16 * np.finfo(float).eps * 5.0 * size
+    tiny = np.finfo(float).tiny
+    np.testing.assert_allclose(problem.floor * problem.y_unit, max(rounding, tiny), rtol=1e-9)
+
+
+@pytest.mark.parametrize("p", [1, 2, 3, 4])
+def test_directions_of_next_to_no_weight_are_inverted_down_to_1e_14_of_the_greatest(p):
+    rng = np.random.default_rng(p)
+    axes = np.linalg.qr(rng.standard_normal((p, p)))[0]
+    upper = np.triu_indices(p)
+    for least, kept in ((1e-13, True), (1e-16, False)):
+        matrix = np.diag([*[1.0] * (p - 1), least])
+        inverse = spd_inverse(matrix[upper][None], p)[0]
+        expected = 1.0 / least if kept or p == 1 else 0.0
+        assert inverse[-1, -1] == pytest.approx(expected, rel=1e-6)
+    matrix = axes @ np.diag(np.geomspace(1.0, 1e-3, p)) @ axes.T
+    np.testing.assert_allclose(
+        spd_inverse(matrix[upper][None], p)[0], np.linalg.inv(matrix), rtol=1e-9, atol=1e-9
+    )
