@@ -40,6 +40,14 @@ def test_columns_are_alike_below_a_singular_value_of_a_billionth(apart, alike):
     assert found.tolist() == [alike, alike]
 
 
+def test_columns_are_compared_whatever_their_units_and_one_of_zeros_is_alike():
+    one, other = columns_apart()
+    sensors = {"small": 1e-12 * one, "large": 1e12 * other, "none": np.full(60, 3.0)}
+    reference = {"small": 0.0, "large": 0.0, "none": 3.0}
+    design = bind(Linear("small", "large", "none"), sensors, T, reference=reference)
+    assert design.alike(np.arange(60)).tolist() == [False, False, True]
+
+
 @pytest.mark.parametrize(("part", "alike"), [(1e-5, True), (2e-6, True), (1e-6, False)])
 def test_a_column_has_a_part_in_a_direction_from_a_millionth_on(part, alike):
     one, other = columns_apart()

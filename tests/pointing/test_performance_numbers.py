@@ -511,3 +511,11 @@ def test_metrics_and_spectra_have_the_axes_of_their_angles(axes):
         assert np.shape(metric.interval) == (*shape[1:], 2)
     frequency, density = found.psd()
     assert density.shape == (*frequency.shape, *shape[1:])
+
+
+def test_two_samples_are_a_record_and_one_is_none():
+    found = lb.pointing_metrics([3.0, 4.0], [0.0, 2.0], 4.0)
+    assert (found.windows, found.window_s) == (1, 4.0)
+    assert found.mpe.value == pytest.approx(3.5) and found.rpe.value == pytest.approx(0.5)
+    with pytest.raises(ValueError, match="time_s must hold two samples or more, got one"):
+        lb.pointing_metrics([3.0], [0.0], 4.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.pointing.tracking import _alike
 
 POINTS = np.array([[5.0, 2.0, 260.0], [-5.0, 1.0, 260.0]])
 ROWS = lb.design_matrix(POINTS)
@@ -102,3 +103,50 @@ def test_bad_input_is_refused_by_name(change, message):
     arguments = {"shifts": np.zeros((9, 2, 2))} | change
     with pytest.raises(ValueError, match=message):
         lb.track_attitude(POINTS, **arguments)
+
+
+def test_a_spot_is_bad_beyond_three_scales_of_its_window():
+    shifts = recording(400, seed=6)[1]
+    track = lb.track_attitude(POINTS, shifts, solver="ls", window=5)
+    size = np.sqrt(np.mean(track.residuals**2, axis=-1)) / track.scale[:, None]
+    assert np.max(size) < 3.0
+    shifts[::20, 1, 0] += 8.0 * SIGMA_MM
+    track = lb.track_attitude(POINTS, shifts, solver="lts", window=5)
+    size = np.sqrt(np.mean(track.residuals**2, axis=-1)) / track.scale[:, None]
+    np.testing.assert_array_equal(track.bad, size > 3.0)
+    assert ((size > 2.0) & (size < 3.0)).any() and ((size > 3.0) & (size < 4.5)).any()
+
+
+def test_a_window_needs_two_spots_in_two_frames():
+    """Windows of three frames of three spots."""
+    seen = {
+        (3, 3, 3): 9,
+        (2, 0, 2): 4,
+        (3, 0, 2): 5,
+        (2, 1, 1): None,
+        (3, 1, 1): None,
+        (1, 1, 1): None,
+        (2, 2, 0): 4,
+    }
+    present = np.array([[k < spots for spots in row for k in range(3)] for row in seen])
+    found = {spots: members.tolist() for spots, members in _alike(present, 3, 3)}
+    assert found == {
+        count: [k for k, spots in enumerate(seen.values()) if spots == count] for count in (4, 5, 9)
+    }
+
+
+@pytest.mark.parametrize("window", [4, 5])
+def test_windows_lie_about_their_frames_and_within_the_record(window):
+    """Least squares of one window by hand, whatever the frame's place in it."""
+    _, shifts = recording(8, seed=7)
+    t = np.cumsum([0.0, 1.0, 0.5, 2.0, 1.0, 0.7, 1.0, 1.3])
+    track = lb.track_attitude(POINTS, shifts, solver="ls", window=window, time_s=t)
+    for frame in range(8):
+        first = min(max(frame - window // 2, 0), 8 - window)
+        inside = slice(first, first + window)
+        design = np.concatenate([np.hstack([ROWS, ROWS * (s - t[frame])]) for s in t[inside]])
+        x = lb.lstsq(design, shifts[inside].ravel()).x
+        np.testing.assert_allclose(track.angles[frame], x[:3], rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(track.rates[frame], x[3:], rtol=1e-6, atol=1e-12)
+        left = (design @ x - shifts[inside].ravel()).reshape(window, 2, 2)[frame - first]
+        np.testing.assert_allclose(track.residuals[frame], left, atol=1e-12)
