@@ -3,6 +3,7 @@ draws.
 """
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import losbench as lb
+from losbench.display import with_error
 from losbench.optics.camera import project
 from losbench.pointing.attitude import attitude_covariance
 from losbench.units import ARCSEC_PER_RAD
@@ -630,3 +632,21 @@ def test_a_solver_of_ones_own_will_do():
 def test_a_bad_solver_is_named(options, message):
     with pytest.raises(ValueError, match=message):
         lb.solve_attitude(SPOTS, np.zeros((6, 2)), **options)
+
+
+def test_attitudes_are_shown_in_arcseconds_with_what_is_wrong_in_words():
+    shifts = noisy_frames(4, seed=21)
+    shifts[2, 1:] = np.nan
+    fit = lb.solve_attitude(SPOTS, shifts, sigma=SIGMA_MM)
+    fit = replace(fit, converged=np.array([True, False, False, True]))
+    rows = [row.split("</td>") for row in fit._repr_html_().split("<tr>")[2:]]
+    cells = [[cell.rsplit(">", 1)[-1] for cell in row[:6]] for row in rows]
+    assert [row[0] for row in cells] == ["0", "1", "2", "3"]
+    assert [row[5] for row in cells] == ["", "not converged", "too few spots", ""]
+    assert [bool(row[4]) for row in cells] == [True, True, False, True]
+    assert cells[0][1] == with_error(fit.angles_arcsec[0, 0], fit.std_error_arcsec[0, 0])
+    assert "AttitudeFit: 4 solves, 2 converged; arcseconds" in fit._repr_html_()
+    frame = fit.to_frame()
+    np.testing.assert_array_equal(frame["gamma_arcsec"], ARCSEC_PER_RAD * fit.angles[:, 2])
+    np.testing.assert_array_equal(frame["sigma_beta_arcsec"], fit.std_error_arcsec[:, 1])
+    assert frame["ok"].tolist() == [True, True, False, True]

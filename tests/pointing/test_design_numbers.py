@@ -123,6 +123,7 @@ def test_columns_of_lags_are_made_anew_after_many_others():
     for tau_s in np.arange(2.0, 300.0):
         design.lagged(0, tau_s)
     assert len(design.recent) <= 200
+    assert len(repr(design)) == len(repr(bind(Lagged("a"), {"a": np.sin(T)}, T)))
     again = design.lagged(0, 1.0)
     assert again is not first
     np.testing.assert_array_equal(again, first)
@@ -137,6 +138,7 @@ def test_gaps_are_filled_along_straight_lines_and_their_rows_are_not_used():
 
 def test_a_step_is_after_the_first_sample_and_may_be_at_the_last():
     assert bind(Steps((59.0,)), {}, T).fixed[:, 0].sum() == 1.0
+    assert bind(Steps((0.5,)), {}, T).fixed[:, 0].sum() == 59.0
     for at in (0.0, 59.5):
         with pytest.raises(ValueError, match="Steps must lie within the record"):
             bind(Offset() + Steps((at,)), {}, T)

@@ -519,3 +519,28 @@ def test_two_samples_are_a_record_and_one_is_none():
     assert found.mpe.value == pytest.approx(3.5) and found.rpe.value == pytest.approx(0.5)
     with pytest.raises(ValueError, match="time_s must hold two samples or more, got one"):
         lb.pointing_metrics([3.0], [0.0], 4.0)
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.09, False), (0.11, True), (-0.11, True)])
+def test_times_are_uneven_beyond_a_tenth_of_a_step(share, said):
+    t = np.arange(200.0)
+    t[100:] += share
+    notes = lb.pointing_metrics(np.sin(t), t, 10.0).notes
+    assert any("not evenly spaced" in note for note in notes) == said
+
+
+def test_metrics_are_shown_with_those_that_there_are():
+    found = lb.pointing_metrics(
+        np.random.default_rng(27).standard_normal(200), np.arange(200.0), 2.0
+    )
+    head, names, *rows = repr(found).splitlines()
+    assert head == f"PointingMetrics: windows of 2 s, {found.windows} used"
+    assert names.split() == ["metric", "axis", "value_arcsec", "from_arcsec", "to_arcsec", "dof"]
+    assert [row.split()[0] for row in rows[:4]] == ["APE", "MPE", "RPE", "smear"]
+    assert rows[4:] == list(found.notes)  # no PDE without a separation, no PRE, no jitter
+
+
+def test_a_pattern_of_no_frequency_keeps_its_modulation():
+    for name, value in (("smear", 0.7), ("jitter", 0.2), ("sine", 0.3)):
+        assert lb.mtf(0.0, **{name: value}) == 1.0
+        assert 0.0 <= lb.mtf(0.9, **{name: value}) < 1.0

@@ -100,13 +100,18 @@ class PointingSource:
         parameter, times the factor of its kind.
         """
         if self.parts:
-            found = [part.contribution(index) for part in self.parts]
-            return sum(mean for mean, _ in found), np.sqrt(sum(sigma**2 for _, sigma in found))  # type: ignore[return-value]
+            return _together(self.parts, index)
         factor = _FACTORS[self.kind].get(index, 0.0)
         if self.kind == "bias":
             # Between observations a bias that is the same in all of them makes no difference.
             return self.mean * (factor if index != "PRE" else 0.0), factor * self.sigma
         return np.zeros_like(self.mean), factor * np.hypot(self.mean, self.sigma)
+
+
+def _together(sources: tuple[PointingSource, ...], index: str) -> tuple[Floats, Floats]:
+    """Mean and standard deviation (k,) that sources add to an index: means, and roots of squares."""
+    found = [source.contribution(index) for source in sources]
+    return sum(mean for mean, _ in found), np.sqrt(sum(sigma**2 for _, sigma in found))  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -165,9 +170,7 @@ class PointingBudget:
 
     def total(self, requirement: PointingRequirement) -> Floats:
         """Error at the requirement's level, (k,), arcsec: ``|mean| + factor sigma`` of the sum."""
-        mean, sigma = PointingSource(
-            "all", "group", np.zeros(1), np.zeros(1), self.sources
-        ).contribution(requirement.index)
+        mean, sigma = _together(self.sources, requirement.index)
         return np.broadcast_to(np.abs(mean) + requirement.factor * sigma, self.axes)
 
     def table(self) -> pd.DataFrame:

@@ -14,6 +14,7 @@ from losbench.pointing.starcamera import (
     smooth_drift,
     time_tag_offset,
 )
+from losbench.pointing.starcamera.timing import _rate
 from losbench.series import split_tracks
 from losbench.units import rad_to_arcsec
 
@@ -206,3 +207,34 @@ def test_bad_input_is_named(call, message):
 
 def test_the_package_s_own_names():
     assert lb.QuaternionConvention is QuaternionConvention
+
+
+@pytest.mark.parametrize("smooth_s", [0.1, 1.0, 3.1])
+def test_a_rate_is_that_of_a_window_about_each_time_or_of_the_nearest_step(smooth_s):
+    t = np.cumsum([0.0, 1.0, 0.7, 1.2, 0.9, 1.0, 2.0, 1.0])
+    turn = np.cumsum([0.0, 3.0, -1.0, 4.0, 1.0, -5.0, 9.0, 2.0]) * 1e-3
+    attitude = Rotation.from_rotvec(np.outer(turn, [0.0, 1.0, 0.0]))
+    expected = []
+    for when in t:
+        inside = np.flatnonzero((t >= when - smooth_s / 2) & (t < when + smooth_s / 2))
+        first = min(inside[0], 6)
+        last = min(max(inside[-1] + 1, first + 1), 7)
+        expected.append((turn[last] - turn[first]) / (t[last] - t[first]))
+    np.testing.assert_allclose(_rate(t, attitude, smooth_s)[:, 1], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("sigma_s", "told"), [(900.0, True), (1100.0, False)])
+def test_an_offset_is_told_as_long_as_it_is_known_to_a_thousand_seconds(sigma_s, told):
+    """Of a second head without noise, whose rate swings, and of a first with much of it."""
+    time, noise = np.arange(400.0), 1e-4 * np.random.default_rng(11).standard_normal((400, 3))
+    # Regression: the error of the offset is the noise over the root of the rate's sum of squares.
+    swing = noise[:, 0].std() / np.sqrt(200.0) / sigma_s
+    turn = swing * 50.0 / (2 * np.pi) * np.sin(2 * np.pi * time / 50.0)
+    second = Rotation.from_rotvec(np.outer(turn, [1.0, 0.0, 0.0]))
+    heads = (second * Rotation.from_rotvec(noise)).as_quat(), second.as_quat()
+    if told:
+        found = time_tag_offset(time, *heads, convention=LAST)
+        assert found.sigma_s == pytest.approx(sigma_s, rel=0.02)
+    else:
+        with pytest.raises(ValueError, match="the rate must change"):
+            time_tag_offset(time, *heads, convention=LAST)
