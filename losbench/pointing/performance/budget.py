@@ -109,7 +109,7 @@ class PointingSource:
 
 
 def _together(sources: tuple[PointingSource, ...], index: str) -> tuple[Floats, Floats]:
-    """Mean and standard deviation (k,) that sources add to an index: means, and roots of squares."""
+    """Mean and standard deviation (k,) that sources add to an index together."""
     found = [source.contribution(index) for source in sources]
     return sum(mean for mean, _ in found), np.sqrt(sum(sigma**2 for _, sigma in found))  # type: ignore[return-value]
 
