@@ -106,13 +106,20 @@ def test_the_gross_error_sensitivity_of_wide_losses_is_their_closed_form(c):
 def test_a_bounded_pull_is_bounded_however_late():
     assert lb.gross_error_sensitivity(lb.Huber(1e7)) == pytest.approx(1e7, rel=1e-6)
     assert lb.gross_error_sensitivity(lb.Huber(1.5e11)) == pytest.approx(1.5e11, rel=1e-6)
+    assert lb.gross_error_sensitivity(lb.Huber(5e11)) == pytest.approx(5e11, rel=1e-4)
     assert lb.gross_error_sensitivity(lb.Huber(1e14)) == np.inf
 
-    class Slowly:
-        def weights(self, u):
-            return (1.0 + u**2) ** -0.325
 
-    assert lb.gross_error_sensitivity(Slowly()) == np.inf
+@pytest.mark.parametrize(
+    "pull",
+    [lambda u: u * (1.0 + u**2) ** -0.325, np.log1p, lambda u: u / (1.0 + u) + 1e-10 * u**0.9],
+)
+def test_a_pull_that_grows_for_ever_has_no_bound_however_slowly_or_late(pull):
+    class Growing:
+        def weights(self, u):
+            return pull(np.abs(u)) / np.maximum(np.abs(u), 1e-300)
+
+    assert lb.gross_error_sensitivity(Growing()) == np.inf
 
 
 def test_rows_of_full_weight_are_not_called_doubted():
