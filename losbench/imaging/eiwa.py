@@ -154,7 +154,8 @@ class EIWA:
             some = slice(None) if moving.size == len(pixels) else moving
             seen = look(pixels[some], centre[some], windows.side)
             step = seen.centroid - centre[some]
-            ahead = step / np.maximum(1.0 - seen.contraction, 1.0 - NEWTON_LIMIT)
+            with np.errstate(invalid="ignore"):  # light that adds up to nothing
+                ahead = step / np.maximum(1.0 - seen.contraction, 1.0 - NEWTON_LIMIT)
             # The derivative is worth having only near the fixed point and away from the pole.
             near = (k > 0) & (np.abs(seen.contraction) < NEWTON_LIMIT)
             move, left, small = rule.step(step, ahead, near)

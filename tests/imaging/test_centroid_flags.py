@@ -38,6 +38,16 @@ def test_without_a_detector_fewer_than_three_frames_give_a_lower_bound_and_say_s
     assert three.sigma_xy.mean() > 1.15 * two.sigma_xy.mean()
 
 
+@pytest.mark.parametrize("method", ["eiwa", "grey", "weighted", "gaussian", "likelihood", "auto"])
+def test_a_start_on_nothing_in_a_frame_without_noise_is_too_faint_and_no_warning(method):
+    """Its light adds up to zero."""
+    frame = np.float32(lb.render_spots([[40.0, 30.0]], 3e4, 2.0, (60, 80)) + 100.0)
+    options = {"width": 2.0} if method in ("weighted", "gaussian", "likelihood") else {}
+    found = lb.centroid(frame, [[40, 30], [20, 40]], method=method, window=13, **options)
+    assert found.flags[1] & SpotFlag.TOO_FAINT and np.isnan(found.xy[1]).all()
+    np.testing.assert_allclose(found.xy[0], [40.0, 30.0], atol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("x", "flag", "measured"),
     [(4.0, SpotFlag.EDGE, False), (7.2, SpotFlag.EDGE, True), (11.0, SpotFlag(0), True)],

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.imaging.groups import grouped
 from losbench.imaging.results import SpotFlag
 from losbench.imaging.sizes import default_window, spot_sigma
 
@@ -138,3 +139,30 @@ def test_windows_of_many_spots_bear_spots_that_are_missing_and_frames_without_an
     assert (default_window(frames, xy)[away] == 13).all()
     flat = lb.centroid(np.full((60, 60), 7.0), rng.uniform(0, 60, (40, 2)))
     assert flat.window == 3 and (flat.flags > 0).all()
+
+
+@pytest.mark.parametrize(("side", "reach"), [(3, 2), (9, 2), (11, 2), (13, 3), (16, 4), (23, 5)])
+def test_a_window_on_the_peak_is_put_on_it_within_a_quarter_of_its_side(side, reach):
+    """And two pixels at least."""
+    for away in ((reach, 0), (0, -reach), (reach + 1, 0), (0, -reach - 1)):
+        frame = np.zeros((1, 60, 70))
+        frame[0, 30 + away[1], 35 + away[0]] = 9.0
+        at = np.array([[[35.2, 29.7]]])
+        given = frame, at, np.array([side]), lb.Grey(centre="peak"), lb.Ring(), None, None
+        (group,) = grouped(*given)
+        found = (group.at[0, 0] == np.array([35, 30]) + away).all()
+        assert found == (max(map(abs, away)) <= reach)
+        (group,) = grouped(*given[:3], lb.Grey(centre="start"), *given[4:])
+        np.testing.assert_array_equal(group.at, at)
+
+
+@pytest.mark.parametrize(
+    ("method", "on_peak"),
+    [(lb.Grey(), True), (lb.EIWA(), False), (lb.EIWA(centre="peak"), True), (lb.Gaussian(), False)],
+)
+def test_a_window_that_stays_is_put_on_the_peak_unless_told_otherwise(method, on_peak):
+    frame = np.zeros((1, 60, 70))
+    frame[0, 31, 36] = 9.0
+    at = np.array([[[35.2, 29.7]]])
+    (group,) = grouped(frame, at, np.array([9]), method, lb.Ring(), None, None)
+    np.testing.assert_array_equal(group.at, [[[36.0, 31.0]]] if on_peak else at)

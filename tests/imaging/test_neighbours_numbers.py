@@ -216,6 +216,17 @@ def test_shot_noise_of_the_light_is_noise():
         assert one_sided(stamp, np.ones_like(stamp), noise, np.zeros((1, 2)), 13).all() == told
 
 
+def test_where_there_is_no_light_there_is_no_shot_noise():
+    """A ring of eight pixels around one that is dark, which has the noise of the floor alone."""
+    for dark in (0.0, -1.0):
+        stamp = np.zeros((1, SIZE, SIZE))
+        stamp[0, HALF - 1 : HALF + 2, HALF + 5 : HALF + 8] = 9.0
+        stamp[0, HALF, HALF + 6] = dark
+        for floor, told in ((0.01, True), (10.0, False)):
+            given = stamp, np.ones_like(stamp), noise_of(floor, 10.0), np.zeros((1, 2)), 13
+            assert one_sided(*given, of_peak=0.1).tolist() == [told]
+
+
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_means_that_hang_over_the_border_do_not_count(turns):
     error = np.sqrt(2.0 * 100.0 / 9.0)
@@ -257,6 +268,15 @@ def test_a_spot_is_left_behind_where_its_mean_drops_by_5_5_errors_on_the_way(per
     noise = noise_of(100.0, per_dn)
     assert captured(frame, np.array([1]), start, now, noise).tolist() == [told]
     assert captured(frame, np.array([0]), start, now, noise).tolist() == [False]
+
+
+def test_a_drop_has_the_noise_of_the_floor_and_none_without_one():
+    frame = np.zeros((1, 40, 50))
+    frame[0, 18:23, 8:13] = 1.0
+    start, now = np.array([[10.0, 20.0]]), np.array([[30.0, 20.0]])
+    for floor, told in ((0.14, True), (0.16, False), (0.0, True), (-1.0, True)):
+        found = captured(frame, np.array([0]), start, now, noise_of(floor))
+        assert found.tolist() == [told]
 
 
 def test_a_way_without_a_dip_leaves_nothing_behind():

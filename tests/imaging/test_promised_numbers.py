@@ -1,9 +1,12 @@
 """Numbers that the docstrings of imaging promise, from either side."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.display import with_error
 from losbench.imaging.background import inverse_normal
 from losbench.imaging.hotpixels import gate_hot_pixels
 from losbench.imaging.sizes import spot_sigma
@@ -121,6 +124,19 @@ def test_no_tolerance_is_below_a_millionth_of_a_millionth(kind):
 def test_centroids_show_x_beside_y():
     html = lb.centroid(spot((40.0, 30.0)), [[40, 30]], window=13)._repr_html_()
     assert html.index("40.0") < html.index("30.0")
+
+
+@pytest.mark.parametrize(("frames", "note"), [(1, ""), (2, "; frame 0")])
+def test_centroids_show_each_coordinate_with_its_own_error(frames, note):
+    """Of the first frame, and say so where there are more."""
+    found = lb.centroid(np.stack([spot((40.0, 30.0))] * frames), [[40, 30], [45, 30]], window=13)
+    xy = np.arange(4.0 * frames).reshape(frames, 2, 2) + 10.25
+    sigma = 10.0 ** -np.arange(1.0, 5.0)[: 2 * 2].reshape(2, 2) * np.ones((frames, 1, 1))
+    html = replace(found, xy=xy, sigma_xy=sigma)._repr_html_()
+    shown = [with_error(*pair) for pair in zip(xy[0].ravel(), sigma[0].ravel(), strict=True)]
+    places = [html.index(each) for each in shown]
+    assert len(set(shown)) == 4 and places == sorted(places)
+    assert f"2 spots in {frames} frames, window 13 px{note}<" in html
 
 
 @pytest.mark.parametrize(("apart", "near"), [(12.9, True), (13.1, False)])

@@ -322,6 +322,8 @@ def test_a_jump_needs_eight_samples_on_either_side_and_one_sign_in_both_halves()
     assert jump(7, 9) == jump(9, 7) == 0.0
     assert jump(10, 10, left=1.0) == pytest.approx(1.0)
     assert jump(10, 10, right=-0.5) == 0.0
+    assert jump(10, 10, left=-0.4, right=-0.3) == pytest.approx(-0.3)
+    assert jump(10, 10, left=0.0) == 0.0
 
 
 # One level, or many
