@@ -279,6 +279,31 @@ def test_a_drop_has_the_noise_of_the_floor_and_none_without_one():
         assert found.tolist() == [told]
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_way_that_reaches_the_border_tells_nothing(axis):
+    """Means of 3 x 3 pixels are not read there."""
+    frame = np.zeros((1, 40, 50))
+    last = frame.shape[2 - axis] - 1
+    for begin, end, told in (
+        (1, 20, True),
+        (0, 20, False),
+        (-3, 20, False),
+        (last - 1, 20, True),
+        (last, 20, False),
+        (20, last, False),
+        (20, last + 9, False),
+        (20, last - 1, True),
+    ):
+        start, now = np.full((1, 2), 20.0), np.full((1, 2), 20.0)
+        start[0, axis], now[0, axis] = begin, end
+        frame[:] = 0.0
+        bright = frame[0].T if axis == 0 else frame[0]
+        nearest = min(max(begin, 0), last)
+        bright[max(nearest - 1, 0) : nearest + 2] = 100.0
+        found = captured(frame, np.array([0]), start, now, noise_of(1.0))
+        assert found.tolist() == [told], (begin, end)
+
+
 def test_a_way_without_a_dip_leaves_nothing_behind():
     frame = np.zeros((1, 40, 50))
     frame[0, :, :40] = np.arange(40.0) * 30.0

@@ -63,8 +63,10 @@ def test_the_largest_window_is_that_of_the_frame_where_a_spot_has_most_room(wind
 
 @pytest.mark.parametrize(
     ("common", "own", "has"),
-    [(13, 15, 13), (13, 17, 17), (13, 11, 13), (13, 9, 9), (61, 67, 61), (61, 69, 69)]
-    + [(61, 55, 61), (61, 53, 53), (21, 23, 21), (21, 25, 25)],
+    [
+        *((13, 15, 13), (13, 17, 17), (13, 11, 13), (13, 9, 9), (21, 23, 21), (21, 25, 25)),
+        *((61, 67, 61), (61, 69, 69), (61, 55, 61), (61, 53, 53)),
+    ],
 )
 def test_windows_within_two_pixels_or_a_tenth_of_the_median_s_are_one(windows, common, own, has):
     sigma = [common / 6.0] * 3 + [own / 6.0]
