@@ -45,6 +45,7 @@ from .imaging.centroid import centroid as centroid
 from .imaging.centroid import window_path as window_path
 from .imaging.detector import Detector as Detector
 from .imaging.eiwa import EIWA as EIWA
+from .imaging.empirical import Empirical as Empirical
 from .imaging.finder import Find as Find
 from .imaging.finder import find_spots as find_spots
 from .imaging.gain import estimate_gain as estimate_gain
@@ -57,6 +58,7 @@ from .imaging.results import SpotFlag as SpotFlag
 from .imaging.smeared.aided import aided_centroid as aided_centroid
 from .imaging.smeared.bound import streak_bound as streak_bound
 from .imaging.smeared.result import AidedCentroids as AidedCentroids
+from .imaging.splines import SpotShape as SpotShape
 from .imaging.spots import render_spots as render_spots
 from .imaging.spots import render_streaks as render_streaks
 from .imaging.weighted import Weighted as Weighted

@@ -49,7 +49,7 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
     centroid.add_argument(
         "--method",
         default="auto",
-        choices=["auto", "eiwa", "grey", "weighted", "likelihood", "gaussian"],
+        choices=["auto", "eiwa", "grey", "weighted", "likelihood", "gaussian", "empirical"],
         help="centroid (%(default)s: what the spots ask for; eiwa where a stop is given)",
     )
     centroid.add_argument(

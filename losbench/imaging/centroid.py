@@ -16,6 +16,7 @@ from losbench.imaging.background import Background
 from losbench.imaging.common import smoothed
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import EIWA
+from losbench.imaging.empirical import Empirical
 from losbench.imaging.gain import recording_gain
 from losbench.imaging.groups import grouped
 from losbench.imaging.methods import MethodFields, as_background, as_method
@@ -23,6 +24,7 @@ from losbench.imaging.noise import Gain
 from losbench.imaging.places import as_stack, as_starts
 from losbench.imaging.protocols import CentroidMethod
 from losbench.imaging.results import Centroids, Measured, SpotFlag
+from losbench.imaging.shaping import shaped
 from losbench.imaging.sizes import default_window, window_sides
 from losbench.imaging.widths import spot_widths
 
@@ -50,13 +52,14 @@ def centroid(
         that was not read.
     start : (n, 2) or (F, n, 2) array, pixels
         Where each spot is, to a pixel or so; NaN for a spot that is missing.
-    method : EIWA, Grey, Weighted, Likelihood, Gaussian, AutoCentroid, or the name of one
+    method : EIWA, Grey, Weighted, Likelihood, Gaussian, Empirical, AutoCentroid, or a name
         A window that moves until it is centred on its own centroid (liu2026, eq. 13-15), or one
         that stays (eq. 11-12): these take a spot of any shape. For round spots, the optimal
         weighted centroid by a Gaussian template, and the likeliest Gaussian with its widths fitted,
         which reach the Cramer-Rao bound; and a plain least-squares fit of a Gaussian to check
-        against. `AutoCentroid` chooses. Names are "eiwa", "grey", "weighted", "likelihood",
-        "gaussian" and "auto". Any frozen dataclass with the fields and the method of
+        against. For spots of another shape, `Empirical` makes a template of the frames.
+        `AutoCentroid` chooses. Names are "eiwa", "grey", "weighted", "likelihood", "gaussian",
+        "empirical" and "auto". Any frozen dataclass with the fields and the method of
         `losbench.imaging.protocols.CentroidMethod` will do.
     background : Ring, Level, None, or "ring", "none", float (DN)
         What is taken off: a plane through a ring of four pixels, a known level, or nothing.
@@ -98,8 +101,8 @@ def centroid(
     kappa), with the variance V of a pixel, the sum T of the window and the contraction kappa = N
     S_edge / T. A window that stays has no 1 - kappa, but is pulled by kappa times its distance from
     the spot; that is added in quadrature, as is the error left by EIWA's stop rule. Pixel response
-    and the S-curve (about 1 mpx at six sigma) are not in it. `Weighted`, `Likelihood` and
-    `Gaussian` say which error is theirs.
+    and the S-curve (about 1 mpx at six sigma) are not in it. `Weighted`, `Likelihood`,
+    `Gaussian` and `Empirical` say which error is theirs.
 
     Light of another spot shows in window and ring: from 2 % of the peak on one side, 5 % under a
     window of moments, which is coarser; as a second top with a dip before it; where the window has
@@ -132,6 +135,9 @@ def centroid(
         choice = chosen.choose(groups, stack)
         chosen, reason = choice.method, choice.reason
         groups = [each.of(method=chosen) for each in groups]
+    if isinstance(chosen, Empirical):
+        chosen = shaped(chosen, groups, stack)
+        groups = [each.of(method=chosen) for each in groups]
     width = spot_widths(groups, stack)
     result = Measured.nothing(places.shape[:2])
     for group in groups:
@@ -152,7 +158,7 @@ def centroid(
         result.n_iter,
         result.flags,
         int(sides[0]) if (sides == sides[0]).all() else sides,
-        width if chosen.template else None,
+        None if np.isnan(width).all() else width,
         result.n_bad,
         chosen,
         reason,

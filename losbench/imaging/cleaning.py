@@ -51,9 +51,14 @@ def look_again(
     scene: Scene, cut: Cut, windows: Windows, fit: Estimate, result: Measured, settled: Bools
 ) -> None:
     """Mask what stands out of the spots that ask for it, measure those anew, and flag light of
-    another spot, of the windows that have ``settled`` (M,).
+    another spot, of the windows that have ``settled`` (M,); where the method has looked by itself,
+    say so.
     """
     settled = settled & np.isfinite(result.xy).all(axis=1)
+    if fit.n_bad is not None:
+        result.n_bad[settled] += fit.n_bad[settled]
+        result.flags[settled & (fit.n_bad > 0)] |= SpotFlag.BAD_PIXEL
+        return
     some = _asking(scene, cut, windows, fit, settled, result.flags & SpotFlag.RING == 0)
     if some.size:
         _look_closely(scene, cut, windows, fit, result, some)

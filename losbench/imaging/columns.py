@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -15,7 +16,7 @@ from scipy.special import ndtr
 
 from losbench.arrays import Floats, Indices, Pixels
 
-__all__ = ["Sums", "Templates"]
+__all__ = ["Drawing", "Sums", "Templates"]
 
 
 _SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
@@ -54,6 +55,19 @@ class Sums:
     normal: Floats
     reading: Floats
     plane: Floats
+
+
+class Drawing(Protocol):
+    """Templates of M windows, each with the slopes of its light."""
+
+    @property
+    def light(self) -> Pixels:
+        """Light in each pixel, (M, S, S), of a template whose whole light is one."""
+        ...
+
+    def sums(self, reading: Pixels, weight: Pixels | None) -> Sums:
+        """Sums over pixels with that weight (M, S, S); None: one."""
+        ...
 
 
 @dataclass(frozen=True)

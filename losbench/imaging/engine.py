@@ -95,19 +95,22 @@ class Engine:
         start: Floats,
         *,
         width: Floats,
+        spot: Indices | None = None,
         now: Floats | None = None,
         recuts: int = _MOST_RECUTS,
     ) -> Measured:
         """Measure M spots: frame numbers (M,), whole pixels to cut around (M, 2) and starts (M, 2)
         in frame pixels.
 
-        ``width`` (M, 2) is that of the spots, NaN where no template needs it. A window that leaves
-        the middle pixel of its stamp, or comes to rest off it while the ring does not, is cut anew
-        around where it is ``now``.
+        ``width`` (M, 2) is that of the spots, NaN where no template needs it, and ``spot`` (M,)
+        their numbers. A window that leaves the middle pixel of its stamp, or comes to rest off it
+        while the ring does not, is cut anew around where it is ``now``.
         """
         cut = self.cut(stack, frame, middle)
         here = (start if now is None else now) - middle
-        windows = Windows(cut.signal, self.window, here, middle, cut.noise, width, cut.kept)
+        windows = Windows(
+            cut.signal, self.window, here, middle, cut.noise, width, cut.kept, spot=spot
+        )
         fit = self.method.measure(windows)
         result = judged(stack.shape[1:], middle, cut, fit)
         if self.method.stays:
@@ -135,6 +138,7 @@ class Engine:
                 nearest[again],
                 start[again],
                 width=width[again],
+                spot=None if spot is None else spot[again],
                 now=moved[again] + middle[again],
                 recuts=recuts - 1,
             )

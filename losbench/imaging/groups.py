@@ -68,10 +68,16 @@ class Group:
         ends = np.linspace(0, len(self.frame), blocks + 1).astype(int)
         for begin, end in pairwise(ends.tolist()):
             frame, spot = self.frame[begin:end], self.spot[begin:end]
+            number = self.numbers[spot]
             part = self.engine.measure(
-                stack, frame, self.middle[begin:end], self.at[frame, spot], width=width[spot]
+                stack,
+                frame,
+                self.middle[begin:end],
+                self.at[frame, spot],
+                width=width[spot],
+                spot=number,
             )
-            result.put((frame, self.numbers[spot]), part)
+            result.put((frame, number), part)
 
 
 def in_order(groups: Sequence[Group], parts: Sequence[Floats]) -> Floats:

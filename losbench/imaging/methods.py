@@ -11,6 +11,7 @@ from losbench.checks import choice, number
 from losbench.imaging.auto import AutoCentroid
 from losbench.imaging.background import Background, Level, Ring
 from losbench.imaging.eiwa import EIWA
+from losbench.imaging.empirical import Empirical
 from losbench.imaging.grey import Grey
 from losbench.imaging.likelihood import Gaussian, Likelihood
 from losbench.imaging.protocols import CentroidMethod
@@ -26,6 +27,7 @@ _METHODS: dict[str, type[CentroidMethod]] = {
     "weighted": Weighted,
     "likelihood": Likelihood,
     "gaussian": Gaussian,
+    "empirical": Empirical,
 }
 
 

@@ -31,7 +31,7 @@ class Windows:
         Which pixel of its frame each window was cut around.
     noise : PixelNoise
     width : (M, 2) array, pixels
-        Sigma of each spot along x and y; NaN unless the method has a template.
+        Sigma of each spot along x and y; NaN unless the method has a template that needs it.
     kept : (M, S, S) array or None
         0 for a pixel that was not read or is saturated, else 1; None where all are kept, and always
         unless the method has a template.
@@ -39,6 +39,8 @@ class Windows:
         How far a spot may go from the middle of its window before that is cut anew.
     healed : (M, S, S) array or None, DN
         The signal with bad pixels replaced, where some stand out of windows without a template.
+    spot : (M,) array of int or None
+        Which spot of the call each is; None: all are one.
     """
 
     signal: Pixels
@@ -50,6 +52,7 @@ class Windows:
     kept: Pixels | None = None
     leave: float = 1.0
     healed: Pixels | None = None
+    spot: Indices | None = None
 
     def of(self, some: NDArray[Any] | slice) -> Windows:
         """Return some of the windows."""
@@ -63,6 +66,7 @@ class Windows:
             None if self.kept is None else self.kept[some],
             self.leave,
             None if self.healed is None else self.healed[some],
+            None if self.spot is None else self.spot[some],
         )
 
 
@@ -72,7 +76,8 @@ class Estimate:
 
     Centroid and its error (M, 2), flux and its error (M,), evaluations, converged or not, the
     middle of the window (M, 2), whether the centroid follows its window more than the spot, whether
-    a template does not fit it, and the width of that template (M, 2), if there is one.
+    a template does not fit it, and the width of that template (M, 2), if there is one. A method
+    that has looked for bad pixels by itself says how many it has left out (M,); None: it has not.
     """
 
     centroid: Floats
@@ -85,6 +90,7 @@ class Estimate:
     slow: Bools
     misfit: Bools
     width: Floats | None = None
+    n_bad: Ints | None = None
 
 
 class CentroidFields(Protocol):
@@ -120,9 +126,9 @@ class CentroidMethod(CentroidFields, Protocol):
     stays : bool
         Whether the window stays on the pixel where it was first put.
     template : bool
-        Whether the widths of the spots are needed.
+        Whether a template is fitted, which goes without pixels that were not read.
     width : array or None, pixels
-        Those widths, where there is a template; None: found.
+        Widths of the spots, where there is a template; None: found; empty: not needed.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]

@@ -23,7 +23,9 @@ __all__ = [
     "Looked",
     "asks",
     "filled",
+    "lone_pixels",
     "look_into",
+    "sure",
     "unexplained",
 ]
 
@@ -94,7 +96,7 @@ def asks(windows: Windows, found: Estimate) -> Bools:
     if windows.kept is not None:
         rest *= windows.kept[:, 1:-1, 1:-1]
     # The variance of `_variance`, in few passes.
-    times *= _sure(windows.noise) ** 2
+    times *= sure(windows.noise) ** 2
     light += np.abs(light)  # twice what is above zero, in half the time of a maximum
     least = (times * windows.noise.floor).astype(light.dtype)
     variance = light * (0.25 * times * share**2)
@@ -147,7 +149,7 @@ def look_into(windows: Windows) -> Looked:
         if not looking.size:
             break
         line = _lines(rest) & ~lines[looking]
-        single = _singles(rest * kept[looking]) & ~line.any(axis=(1, 2), keepdims=True)
+        single = lone_pixels(rest * kept[looking]) & ~line.any(axis=(1, 2), keepdims=True)
         new = (line | single) & (kept[looking] > 0)
         lines[looking] |= line
         kept[looking] *= ~new
@@ -184,7 +186,8 @@ def unexplained(windows: Windows, fit: TemplateFit, kept: Pixels | None = None) 
         return np.nan_to_num(np.sqrt(np.maximum(excess, 0.0) / light), nan=np.inf)
 
 
-def _sure(noise: PixelNoise) -> float:
+def sure(noise: PixelNoise) -> float:
+    """Errors by which a pixel stands out."""
     return _SURE if noise.per_dn else _SURE_OF_UNKNOWN
 
 
@@ -225,10 +228,10 @@ def _beyond_shot_noise(windows: Windows, fit: TemplateFit, kept: Pixels) -> Bool
             light**2 * kept
         ).sum(axis=(1, 2), keepdims=True)
     shot = np.maximum(np.nan_to_num(per_dn), 0.0) * light
-    return np.asarray(square > _sure(windows.noise) ** 2 * (_variance(model, windows.noise) + shot))
+    return np.asarray(square > sure(windows.noise) ** 2 * (_variance(model, windows.noise) + shot))
 
 
-def _singles(rest: Pixels) -> Bools:
+def lone_pixels(rest: Pixels) -> Bools:
     """Pixels that stand out of their 3 x 3 neighbours, one of which may be as bad."""
     around = sliding_window_view(np.pad(rest, ((0, 0), (1, 1), (1, 1))), (3, 3), axis=(1, 2))
     ranked = np.sort(around.reshape(*rest.shape, 9), axis=-1)

@@ -13,19 +13,24 @@ Positions are counted from the middle of each stamp, x first.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from losbench.arrays import Bools, Floats, Ints, Pixels
-from losbench.imaging.columns import Templates
+from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
+from losbench.imaging.columns import Drawing, Templates
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Estimate, Windows
 
-__all__ = ["TemplateFit", "fit_template"]
+__all__ = ["Draw", "TemplateFit", "fit_template"]
+
+
+# Draws some of the windows, (K,) of them or all, with their spots at (K, 2).
+Draw: TypeAlias = Callable[[Indices | slice, Floats], Drawing]
 
 
 _LONGEST_STEP = 1.0  # pixels
@@ -57,8 +62,8 @@ class TemplateFit:
     n_iter: Ints
     converged: Bools
 
-    def estimate(self, windows: Windows) -> Estimate:
-        """Return what was found, with what does not fit."""
+    def estimate(self, windows: Windows, misfit: Bools | None = None) -> Estimate:
+        """Return what was found, with what does not fit; None: by the light of a Gaussian."""
         # Too few pixels for their columns leave no error that could be stated.
         known: Bools = np.asarray((self.variance >= 0).all(axis=1))
         sigma = np.sqrt(np.where(known[:, None], self.variance, np.nan))
@@ -72,8 +77,8 @@ class TemplateFit:
             converged=self.converged & known & (self.flux > 0),
             middle=np.zeros_like(self.centre),
             slow=np.zeros(len(self.flux), dtype=bool),
-            misfit=_misfits(self, windows),
-            width=self.width,
+            misfit=_misfits(self, windows) if misfit is None else misfit,
+            width=self.width if misfit is None else None,
         )
 
     def of(self, some: NDArray[Any]) -> TemplateFit:
@@ -104,8 +109,10 @@ def fit_template(
     equal: bool = False,
     tolerance: float,
     max_iter: int,
+    draw: Draw | None = None,
 ) -> TemplateFit:
-    """Fit flux and place of a Gaussian to each of M windows, and both its widths if ``free``.
+    """Fit flux and place of a Gaussian to each of M windows, and both its widths if ``free``; or of
+    what ``draw`` draws.
 
     Parameters
     ----------
@@ -131,7 +138,11 @@ def fit_template(
     moving = np.arange(count)
     for _ in range(max_iter):
         some = slice(None) if moving.size == count else moving
-        at = Templates.of(side, centre[some], width[some], pixels.dtype, free=free)
+        at: Drawing
+        if draw is None:
+            at = Templates.of(side, centre[some], width[some], pixels.dtype, free=free)
+        else:
+            at = draw(some, centre[some])
         seen = None if kept is None else kept[some]
         noise = PixelNoise(floor[some], per_dn, plane[some])
         step = _scoring(at, pixels[some], seen, flux[some], noise, equal)
@@ -152,7 +163,7 @@ def fit_template(
 
 
 def _scoring(
-    at: Templates,
+    at: Drawing,
     pixels: Pixels,
     kept: Pixels | None,
     flux: Floats,
@@ -178,7 +189,7 @@ def _scoring(
     return _Step(values[:, 0], others, errors)
 
 
-def _relative(at: Templates, floor: Floats, unit: Floats) -> Pixels:
+def _relative(at: Drawing, floor: Floats, unit: Floats) -> Pixels:
     """Variance (M, S, S) of pixels under templates, in units (M,) of that under all the light."""
     with np.errstate(divide="ignore", invalid="ignore"):
         # Frames without noise still need weights, though any will do.

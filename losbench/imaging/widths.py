@@ -31,8 +31,8 @@ _FEWEST = 4  # frames of a spot that tell a width of its own
 def spot_widths(groups: Sequence[Group], stack: NDArray[Any]) -> Floats:
     """Width (n, 2) of each spot of some groups along x and y, in pixels, as their method needs it.
 
-    NaN where it has no template; what is given, spread over the spots; or what fits the windows
-    best.
+    NaN where it has no template, or one that needs none; what is given, spread over the spots; or
+    what fits the windows best.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def spot_widths(groups: Sequence[Group], stack: NDArray[Any]) -> Floats:
         If the width that is given has another number of spots, or is wider than the window.
     """
     n_spots, method = sum(len(group.numbers) for group in groups), groups[0].engine.method
-    if not method.template:
+    if not method.template or (isinstance(method.width, tuple) and not method.width):
         return np.full((n_spots, 2), np.nan)
     if method.width is None:
         return in_order(groups, [spot_fits(group, stack).widths() for group in groups])

@@ -60,11 +60,11 @@ def measure(
         numbered from left to right, unless `Find` says otherwise, and keep their numbers.
     temperature : TemperatureLog, optional
         Interpolated to the frames' times.
-    centroid : AutoCentroid, EIWA, Weighted, Likelihood, Grey, Gaussian, or a name, optional
+    centroid : AutoCentroid, EIWA, Weighted, Likelihood, Empirical, Grey, Gaussian, or a name
         As ``method`` of `centroid`; by default `AutoCentroid`, which chooses by what the spots look
-        like; a note says what and why. That, a window, and the width of a template, where they are
-        not given, are chosen on up to 64 frames spread over the recording, and then hold for all.
-        Every frame starts on the brightest pixels, unless ``centre`` says otherwise. With
+        like; a note says what and why. That, a window, and the width or shape of a template, where
+        they are not given, are chosen on up to 64 frames spread over the recording, and then hold
+        for all. Every frame starts on the brightest pixels, unless ``centre`` says otherwise. With
         ``smooth``, the positions are smoothed before shifts are taken.
     background : Ring, Level, None, "ring", "none" or float
         As for `centroid`.

@@ -15,6 +15,7 @@ from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
 from losbench.imaging.detector import Detector
 from losbench.imaging.eiwa import EIWA
+from losbench.imaging.empirical import Empirical
 from losbench.imaging.gain import recording_gain
 from losbench.imaging.groups import grouped
 from losbench.imaging.noise import Gain, step_of
@@ -53,7 +54,7 @@ class Survey:
     start : (n, 2) array, pixels of the stamp
         Where they were looked for in the first.
     method : CentroidMethod
-        With its window, and the width of its template.
+        With its window, and the width or the shape of its template.
     noise : Detector or Gain
         What predicted errors rest on: the detector, or what the frames tell.
     found : Gain
@@ -117,7 +118,7 @@ def survey(
     background: Background,
 ) -> Survey:
     """Follow the spots of a stamp through frames spread over the recording, and fix what is left
-    open in the method: window, and width of a template, or the method itself.
+    open in the method: window, and width or shape of a template, or the method itself.
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ def survey(
             full_scale_dn=recording.full_scale_dn,
         )
         how, reason = replace(seen.method or still, centre=look.centre), seen.reason
-        if how.template:
+        if seen.width_px is not None:
             how = replace(how, width=seen.width_px)
     return Survey(
         nodes,
@@ -214,6 +215,8 @@ def _median(flux: Floats) -> Floats:
 
 
 def _open(method: CentroidMethod) -> bool:
+    if isinstance(method, Empirical):
+        return method.shape is None
     return isinstance(method, AutoCentroid) or (method.template and method.width is None)
 
 
@@ -233,7 +236,7 @@ def _sides(method: CentroidMethod, count: int) -> Ints:
 
 def _on_the_way(method: CentroidMethod, sides: Ints) -> CentroidMethod:
     """What follows the spots, before what is left open in the method is known."""
-    if isinstance(method, AutoCentroid):
+    if isinstance(method, AutoCentroid) or (isinstance(method, Empirical) and _open(method)):
         return EIWA(method.window, centre=method.centre, hot_pixel_gate=method.hot_pixel_gate)
     if not _open(method):
         return method

@@ -100,7 +100,7 @@ def test_a_choice_can_be_handed_on(choice):
         ({"detector": CAMERA, "noise": CAMERA}, "detector and noise are two words"),
         (
             {"method": 3},
-            "method must be one of 'auto', 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', got 3",
+            "method must be one of 'auto', 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', 'empirical', got 3",
         ),
     ],
 )

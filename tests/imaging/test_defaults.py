@@ -14,6 +14,7 @@ import losbench as lb
         (lb.Weighted, {"tolerance": 1e-3, "max_iter": 50, "hot_pixel_gate": False}),
         (lb.Likelihood, {"tolerance": 2.5e-4, "max_iter": 50}),
         (lb.Gaussian, {"tolerance": 1e-8, "max_iter": 50}),
+        (lb.Empirical, {"shape": None, "tolerance": 2.5e-4, "max_iter": 50}),
         (lb.AutoCentroid, {"hot_pixel_gate": False}),
         (lb.Find, {"threshold": 8.0, "smooth": 0.0, "most": 50_000, "order": "light"}),
         (

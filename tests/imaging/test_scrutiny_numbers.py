@@ -15,9 +15,9 @@ from losbench.imaging.scrutiny import (
     Looked,
     _beyond_shot_noise,
     _lines,
-    _singles,
     asks,
     filled,
+    lone_pixels,
     look_into,
     unexplained,
 )
@@ -195,7 +195,7 @@ def rest_with(*places, size=15):
 
 
 def stands_out(rest, row, column):
-    return bool(_singles(rest)[0, row, column])
+    return bool(lone_pixels(rest)[0, row, column])
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -373,7 +373,7 @@ def test_smoothing_lowers_the_scatter_of_a_slow_drift():
         ),
         (
             {"centroid": "peak"},
-            r"method must be one of 'auto', 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', got 'peak'",
+            r"method must be one of 'auto', 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', 'empirical', got 'peak'",
         ),
         (
             {"centroid": lb.EIWA(201)},

@@ -140,6 +140,20 @@ def test_what_is_not_said_is_chosen_by_what_the_spots_look_like_and_told():
     assert not any("Centroids by" in note for note in told.notes)
 
 
+def test_a_shape_is_made_of_the_frames_that_are_looked_at_and_states_its_scatter():
+    recording, truth = drifting(200)
+    measured = lb.measure(recording, spots=SPOTS, centroid="empirical")
+    method = measured.surveys[0].method
+    assert isinstance(method, lb.Empirical) and [s.frames for s in method.shape] == [64, 64]
+    error = measured.xy_px - truth
+    pulls = (error - error.mean(axis=0)) / measured.sigma_xy_px
+    assert pulls.std() == pytest.approx(1.0, abs=0.1)
+    assert not measured.flags.any()
+    few = lb.read_recording(recording.stamps[0].read(0, 9, skip=False).frames[:, :, :45])
+    with pytest.raises(ValueError, match="needs 10 windows of one size .* got 9"):
+        lb.measure(few, spots=SPOTS[:1], centroid="empirical")
+
+
 @pytest.mark.parametrize(("level", "clipped"), [(2.0, True), (40.0, False)])
 def test_black_that_is_clipped_is_told(level, clipped):
     rng = np.random.default_rng(3)

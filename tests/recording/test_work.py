@@ -78,6 +78,27 @@ def test_the_table_does_not_know_processes(stack, alone, tmp_path):
     assert len(list((tmp_path / "out").glob("part-*.npz"))) == 5
 
 
+def test_a_shape_is_made_once_and_holds_for_all_chunks(stack, tmp_path):
+    recording, out = lb.read_recording(stack, detector=DETECTOR), tmp_path / "out"
+
+    def run(method, **options):
+        spots = [[30, 30], [90, 33]]
+        return lb.measure(recording, spots=spots, centroid=method, run=lb.Run(**options))
+
+    whole = run(lb.Empirical(), chunk=400)
+    method = whole.surveys[0].method
+    assert [shape.frames for shape in method.shape] == [64, 60]
+    expected = sha(whole)
+    assert sha(run("empirical", chunk=32, out=out)) == expected
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, mp_context=context) as executor:
+        assert sha(run(method, executor=executor, chunk=64)) == expected
+    assert sha(run(lb.Empirical(), chunk=32, out=out, resume=True)) == expected
+    made = rf"shape was \(<SpotShape {method.shape[0].digest}, .*, is \(<SpotShape "
+    with pytest.raises(ValueError, match=made):
+        run(lb.Empirical(window=17), chunk=32, out=out, resume=True)
+
+
 @pytest.mark.slow
 def test_the_table_does_not_know_a_cluster_one_of_whose_workers_is_killed(stack, alone):
     distributed = pytest.importorskip(
