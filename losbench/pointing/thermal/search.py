@@ -28,7 +28,8 @@ _LEAST_LEFT = 1e-13  # share of the sum of squares, below which a fit is perfect
 class PointFit:
     """Unknowns of one axis without their errors.
 
-    ``rows`` (m,) are the samples used, ``fit`` is the solver's at the lags ``tau_s`` (l,).
+    ``rows`` (m,) are the samples used, ``fit`` is the solver's at the lags ``tau_s`` (l,). Not
+    ``converged`` where the solver is not, or where weights and lags went on changing each other.
     """
 
     tau_s: Floats
@@ -60,7 +61,6 @@ def fit_point(design: Design, y: Floats, solver: Solver, *, use: Bools | None = 
             tau[i] = grid[int(np.argmin([left(columns) for columns in tried[i]]))]
         fit = solver.fit(design.matrix(tau)[rows], y[rows])
     limits = np.log([_NONE * grid[0], grid[-1]])
-    settled = False
     for _ in range(_ROUNDS):
         before = tau
         tau = _gauss_newton(design, tau, y, rows, fit, limits)
@@ -68,7 +68,7 @@ def fit_point(design: Design, y: Floats, solver: Solver, *, use: Bools | None = 
         settled = bool(np.abs(np.log(tau / before)).max() < _SETTLED)
         if settled:
             break
-    return PointFit(tau, rows, fit, bool(fit.converged))
+    return PointFit(tau, rows, fit, settled and bool(fit.converged))
 
 
 def profile(
