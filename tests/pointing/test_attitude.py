@@ -14,6 +14,7 @@ import losbench as lb
 from losbench.display import with_error
 from losbench.optics.camera import project
 from losbench.pointing.attitude import attitude_covariance
+from losbench.pointing.attitude.blocks import distinct_points
 from losbench.units import ARCSEC_PER_RAD
 
 LIU_POINTS = np.array([[5.0, 75.0, -475.0], [-5.0, 75.0, -475.0]])
@@ -650,3 +651,33 @@ def test_attitudes_are_shown_in_arcseconds_with_what_is_wrong_in_words():
     np.testing.assert_array_equal(frame["gamma_arcsec"], ARCSEC_PER_RAD * fit.angles[:, 2])
     np.testing.assert_array_equal(frame["sigma_beta_arcsec"], fit.std_error_arcsec[:, 1])
     assert frame["ok"].tolist() == [True, True, False, True]
+
+
+@pytest.mark.parametrize(("apart", "two"), [(1.2e-9, True), (0.8e-9, False)])
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_two_directions_are_two_from_a_billionth_on(apart, two, unit):
+    points = unit * np.array([[5.0, 2.0, 400.0], [5.0, 2.0, 400.0], [-5.0, 1.0, 400.0]])
+    points[1, 0] += apart * points[1, 2]
+    points[1] *= 3.0  # the same direction from three times as far
+    if two:
+        np.testing.assert_array_equal(distinct_points(points), points)
+        return
+    with pytest.raises(ValueError, match="points must lie in different directions, got 0 and 1"):
+        distinct_points(points)
+
+
+@pytest.mark.parametrize(("apart", "finite"), [(1e-8, True), (1e-12, False)])
+def test_a_layout_tells_a_rotation_down_to_a_billionth_of_the_best_known(apart, finite):
+    """Two spots off the axis: their roll is known by how far they are apart alone."""
+    points = np.array([[5.0, 2.0, 400.0], [5.0, 2.0, 400.0]])
+    points[1, 0] += apart * 400.0
+    found = attitude_covariance(points, 1e-3)
+    if not finite:
+        assert np.isinf(found).all()
+        return
+    assert np.isfinite(found).all() and (np.diagonal(found) > 0).all()
+    # About their own direction both turn in place, but for what lies between them.
+    along = points[0] / np.linalg.norm(points[0])
+    assert np.sqrt(along @ found @ along) == pytest.approx(
+        1e-3 * np.sqrt(2.0) / (apart * 400.0), rel=0.01
+    )
