@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from losbench.estimation.memory import variance_sampling
+from losbench.estimation.memory import _autocovariance, _lagged_products, variance_sampling
 
 N, RECORDS = 4000, 150
 
@@ -52,3 +52,22 @@ def test_columns_do_not_meet(memory):
         variance_sampling(series[:, :3]), variance_sampling(series[:, 1]), strict=True
     ):
         assert batch[1] == pytest.approx(float(alone), rel=1e-9)
+
+
+@pytest.mark.parametrize("n", range(1, 34))
+def test_products_are_summed_over_every_pair_and_no_pair_twice(n):
+    series = np.random.default_rng(n).standard_normal((n, 2))
+    expected = [[series[: n - k, j] @ series[k:, j] for j in (0, 1)] for k in range(n)]
+    np.testing.assert_allclose(_lagged_products(series), expected, atol=1e-12)
+    gappy = series.copy()
+    gappy[:: max(n // 3, 2), 1] = np.nan
+    if n < 3:
+        return
+    covariance, count = _autocovariance(gappy)
+    about = gappy - np.nanmean(gappy, axis=0)
+    for k in range(n):
+        pairs = about[: n - k] * about[k:]
+        there = np.isfinite(pairs).sum(axis=0)
+        mean = np.nansum(pairs, axis=0) / np.maximum(there, 1)
+        np.testing.assert_allclose(covariance[k], mean, atol=1e-12)
+    assert count.tolist() == np.isfinite(gappy).sum(axis=0).tolist()

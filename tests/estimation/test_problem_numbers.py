@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
+import losbench as lb
 from losbench.estimation.robust.problem import (
     _by_svd,
     _in_range,
@@ -10,6 +12,7 @@ from losbench.estimation.robust.problem import (
     read_problem,
     spd_inverse,
 )
+from losbench.estimation.robust.scales import ScaleRule
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -91,3 +94,46 @@ def test_directions_of_next_to_no_weight_are_inverted_down_to_1e_14_of_the_great
     np.testing.assert_allclose(
         spd_inverse(matrix[upper][None], p)[0], np.linalg.inv(matrix), rtol=1e-9, atol=1e-9
     )
+
+
+# Scales of residuals
+
+
+@pytest.mark.parametrize("mean", [0.0, 3.0, -30.0, 1e3, 1e9])
+@pytest.mark.parametrize("n", [2, 3, 8])
+def test_a_standard_deviation_is_about_the_mean_however_far_that_is(mean, n):
+    residuals = mean + np.random.default_rng(n).standard_normal((5, n))
+    for name, ddof in (("std", 0), ("std1", 1)):
+        rule = ScaleRule(name, (5,), np.ones(5))
+        expected = residuals.std(axis=1, ddof=ddof)
+        np.testing.assert_allclose(rule(residuals, np.arange(5)), expected, rtol=1e-6)
+    mixed = residuals * [[1e-9], [1.0], [1.0], [1.0], [1.0]] + [[7.0], [0.0], [0.0], [0.0], [0.0]]
+    found = ScaleRule("std", (5,), np.ones(5))(mixed, np.arange(5))
+    np.testing.assert_allclose(found, mixed.std(axis=1), rtol=1e-3)
+    rms = ScaleRule("rms", (5,), np.ones(5))(residuals, np.arange(5))
+    np.testing.assert_allclose(rms, np.sqrt(np.mean(residuals**2, axis=1)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 6])
+def test_a_median_absolute_residual_is_that_of_numpy_and_of_the_rest(n):
+    residuals = np.random.default_rng(n).standard_normal((4, n))
+    ordered = np.sort(np.abs(residuals), axis=1)
+    plain = ScaleRule("mad", (4,), np.ones(4))(residuals, np.arange(4))
+    np.testing.assert_allclose(plain * norm.ppf(0.75), np.median(ordered, axis=1), rtol=1e-12)
+    if n > 2:
+        rest = ScaleRule("mad", (4,), np.ones(4), dropped=2)(residuals, np.arange(4))
+        np.testing.assert_allclose(rest * 0.6745, np.median(ordered[:, 2:], axis=1), rtol=1e-12)
+
+
+def test_a_table_counts_the_rows_of_less_than_full_weight():
+    design, rng = np.ones((9, 1)), np.random.default_rng(3)
+    y = rng.standard_normal((3, 9))
+    y[1, :2] += 30.0
+    y[2, 4] -= 30.0
+    fit = lb.irls(design, y)
+    frame = fit.to_frame()
+    assert frame["doubted"].tolist() == [int((row < 1.0).sum()) for row in fit.weights]
+    assert frame["doubted"].tolist()[1:] != [0, 0]
+    np.testing.assert_array_equal(frame["x0"], fit.x[:, 0])
+    np.testing.assert_array_equal(frame["std_error0"], fit.std_error[:, 0])
+    assert lb.lstsq(design, y).to_frame()["doubted"].tolist() == [0, 0, 0]
