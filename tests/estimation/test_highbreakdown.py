@@ -433,3 +433,15 @@ def test_a_long_system_with_a_rank_too_short_is_solved():
         with pytest.warns(RuntimeWarning, match="do not determine"):
             found = fit(design, y)
         np.testing.assert_allclose(found.x, [1.0, 2.0, 1.0], atol=0.1)
+
+
+@pytest.mark.parametrize("fit", [lb.lts, lb.mm])
+@pytest.mark.parametrize("p", [1, 2, 3])
+def test_as_many_rows_as_unknowns_leave_no_error_but_that_of_a_known_scale(fit, p):
+    rng = np.random.default_rng(p)
+    design, x = rng.standard_normal((p, p)), np.arange(1.0, p + 1)
+    plain = fit(design, design @ x)
+    np.testing.assert_allclose(plain.x, x, rtol=1e-8)
+    assert plain.dof == 0 and np.isnan(plain.cov).all()
+    known = fit(design, design @ x, scale=0.1)
+    np.testing.assert_allclose(known.cov, 0.01 * np.linalg.inv(design.T @ design), rtol=1e-6)

@@ -11,6 +11,7 @@ from scipy import stats
 
 import losbench as lb
 from losbench import parts as parts_module
+from losbench.estimation import study as study_module
 from losbench.estimation.streams import Summary
 
 
@@ -269,3 +270,36 @@ def test_a_failing_chunk_is_named_and_cancels_the_rest():
 def test_bad_input_is_refused_by_name(change, message):
     with pytest.raises(ValueError, match=message), warnings.catch_warnings():
         lb.study(**({"trial": throw, "grid": {}, "n": 12, "seed": 0, "chunk": 10} | change))
+
+
+def test_progress_is_shown_when_asked_for_and_not_else(capsys):
+    lb.study(throw, {}, 30, seed=0, chunk=10)
+    assert capsys.readouterr().err == ""
+    lb.study(throw, {}, 30, seed=0, chunk=10, progress=True)
+    assert "3/3" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("chunks", [1, 2, 33, 150, 257])
+def test_a_bar_counts_every_chunk_of_the_cells_that_are_not_there_yet(
+    chunks, tmp_path, monkeypatch
+):
+    bars = []
+
+    class Bar:
+        def __init__(self, total, shown):
+            self.total, self.steps, self.shown, self.closed = total, [], shown, False
+            bars.append(self)
+
+        def update(self, steps=1):
+            self.steps.append(steps)
+
+        def close(self):
+            self.closed = True
+
+    monkeypatch.setattr(study_module, "_bar", Bar)
+    for grid, new in (((1.0, 2.0), 2), ((1.0, 2.0), 0)):
+        lb.study(throw, {"sigma": grid}, chunks, seed=0, chunk=1, out=tmp_path, resume=True)
+        bar = bars[-1]
+        assert bar.total == sum(bar.steps) == new * chunks
+        assert bar.closed and not bar.shown
+        assert all(step > 0 for step in bar.steps)
