@@ -5,27 +5,27 @@ be expected, and how each is measured.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
 from losbench.arrays import Floats, Ints, Pixels
-from losbench.imaging.auto import AutoCentroid
 from losbench.imaging.background import Background
 from losbench.imaging.centroid import centroid
 from losbench.imaging.detector import Detector
-from losbench.imaging.eiwa import EIWA
-from losbench.imaging.empirical import Empirical
 from losbench.imaging.gain import recording_gain
 from losbench.imaging.groups import grouped
-from losbench.imaging.noise import Gain, step_of
-from losbench.imaging.places import evenly, in_frame
+from losbench.imaging.noise import Gain
+from losbench.imaging.places import evenly
 from losbench.imaging.protocols import CentroidMethod
-from losbench.imaging.results import SpotFlag
-from losbench.imaging.sizes import window_in_first
-from losbench.imaging.stamps import RING, cut_stamps
-from losbench.recording.acquire import Known, elsewhere, strangers
+from losbench.recording.acquire import Known
 from losbench.recording.contradiction import contradictions
+from losbench.recording.nodes import (
+    is_open,
+    median_light,
+    places_side_by_side,
+    sides_of,
+    through,
+)
 from losbench.recording.readers import Recording
 from losbench.recording.stamps import Stamp
 
@@ -33,11 +33,9 @@ __all__ = ["Survey", "survey"]
 
 
 _UNKNOWN = Gain(0.0, np.inf)
+_FEWEST = 64  # nodes of the path, or every frame
 _EVERY = 64  # frames from one node of the path to the next, in a long recording
-_MOST = 64  # frames that are looked at closely
-_KEPT = 2**25  # pixels that are kept of them
 _WITNESSES = 3  # frames
-_MARGIN = 2  # pixels, in which a window finds its spot
 _CLIPPED = 0.08  # of the readings at the lowest: no noise does that
 
 
@@ -91,7 +89,7 @@ class Survey:
     @property
     def sides(self) -> Ints:
         """Side of the window (n,) of each spot; 0 where no frame could be read."""
-        return _sides(self.method, len(self.start))
+        return sides_of(self.method, len(self.start))
 
     def predicted(self, first: int, last: int) -> Floats:
         """Where the spots are to be expected in frames ``first`` to ``last`` (excluded), (F, n, 2):
@@ -130,50 +128,16 @@ def survey(
         As for `centroid`.
     """
     n = recording.n_frames
-    nodes = evenly(n, max(_MOST, -(-(n - 1) // _EVERY) + 1))
-    how = replace(method, centre=method.centre or "peak")
-    path = np.full((len(nodes), *start.shape), np.nan)
-    flux, others = np.full(path.shape[:2], np.nan), np.zeros((0, 2))
-    close: dict[int, Pixels] = {}
-    last, look, reach, looked = start, how, 0, np.array([], dtype=np.intp)
-    sides = _sides(how, len(start))
-    for node, k in enumerate(nodes.tolist()):
-        read = stamp.read(k, k + 1, skip=recording.skip_unreadable)
-        if not read.good[0]:
-            continue
-        if not reach:
-            how = replace(how, window=how.window or window_in_first(read.frames[0], last))
-            sides = _sides(how, len(start))
-            look = _on_the_way(how, sides)
-            others = strangers(read.frames[0], last, sides)
-            reach = max(int(sides.max()), background.side or 0) // 2 + RING + _MARGIN
-            room = max(3, _KEPT // (len(start) * (2 * reach + 1) ** 2))
-            looked = evenly(len(nodes), min(_MOST, room))
-        see = partial(
-            centroid,
-            method=look,
-            background=background,
-            detector=recording.detector or Gain(0.0, np.inf, step_of(read.frames)),
-            full_scale_dn=recording.full_scale_dn,
-        )
-        seen = see(read.frames, last)
-        lost = (seen.flags[0] & SpotFlag.NOT_CONVERGED > 0) | np.isnan(seen.xy[0, :, 0])
-        path[node] = np.where(lost[:, None], np.nan, seen.xy[0])
-        flux[node] = np.where(lost, np.nan, seen.flux[0])
-        if lost.any() and node:
-            at = np.where(lost[:, None], last, path[node])
-            light = _median(flux[:node])
-            again = elsewhere(read.frames, at, lost, Known(start, sides, light, others), see)
-            if again is not None:
-                path[node] = np.where(np.isfinite(again.xy[0]), again.xy[0], path[node])
-        last = np.where(np.isnan(path[node]), last, path[node])
-        if node in looked:
-            close[node] = side_by_side(read.frames, path[node], reach)
+    nodes = evenly(n, max(_FEWEST, -(-(n - 1) // _EVERY) + 1))
+    eager = replace(method, centre=method.centre or "peak")
+    on_way = through(recording, stamp, nodes, start, eager, background)
+    path, how, close = on_way.path, on_way.method, on_way.close
     found, black = _UNKNOWN, 0.0
     if close:
         stack = np.stack(list(close.values()))
-        at = places_side_by_side(path[list(close)], reach)
+        at = places_side_by_side(path[list(close)], on_way.reach)
         still = replace(how, centre="start")
+        sides = sides_of(how, len(start))
         groups = grouped(stack, at, sides, still, background, None, recording.full_scale_dn)
         found, black = recording_gain(groups, stack), _clipped_black(stack)
     known = recording.detector
@@ -181,7 +145,7 @@ def survey(
     # What one frame or two leave of a Gaussian is no witness: a shape hardly off it would testify.
     doubts = [] if known is None or len(close) < _WITNESSES else contradictions(known, found)
     reason = ""
-    if _open(how) and close:
+    if is_open(how) and close:
         seen = centroid(
             stack,
             at,
@@ -190,7 +154,7 @@ def survey(
             detector=noise,
             full_scale_dn=recording.full_scale_dn,
         )
-        how, reason = replace(seen.method or still, centre=look.centre), seen.reason
+        how, reason = replace(seen.method or still, centre=how.centre), seen.reason
         if seen.width_px is not None:
             how = replace(how, width=seen.width_px)
     return Survey(
@@ -202,22 +166,10 @@ def survey(
         found,
         tuple(doubts),
         reason,
-        _median(flux),
-        others,
+        median_light(on_way.flux),
+        on_way.strangers,
         black,
     )
-
-
-def _median(flux: Floats) -> Floats:
-    """Median light (n,) of the frames (K, n) that show each spot, NaN where none does."""
-    seen = np.isfinite(flux).any(axis=0)
-    return np.where(seen, np.nanmedian(np.where(seen, flux, 0.0), axis=0), np.nan)
-
-
-def _open(method: CentroidMethod) -> bool:
-    if isinstance(method, Empirical):
-        return method.shape is None
-    return isinstance(method, AutoCentroid) or (method.template and method.width is None)
 
 
 def _clipped_black(stack: Pixels) -> float:
@@ -228,34 +180,3 @@ def _clipped_black(stack: Pixels) -> float:
     share = float(lowest.mean()) if above.size else 0.0
     next_above = float((above == above.min()).mean()) * (1.0 - share) if above.size else 1.0
     return share if share >= _CLIPPED and share > next_above else 0.0
-
-
-def _sides(method: CentroidMethod, count: int) -> Ints:
-    return np.broadcast_to(np.asarray(method.window or 0, dtype=np.int64), count)
-
-
-def _on_the_way(method: CentroidMethod, sides: Ints) -> CentroidMethod:
-    """What follows the spots, before what is left open in the method is known."""
-    if isinstance(method, AutoCentroid) or (isinstance(method, Empirical) and _open(method)):
-        return EIWA(method.window, centre=method.centre, hot_pixel_gate=method.hot_pixel_gate)
-    if not _open(method):
-        return method
-    return replace(method, width=np.repeat(sides[:, None] / 6.0, 2, axis=1))
-
-
-def side_by_side(frames: Pixels, places: Floats, reach: int) -> Pixels:
-    """Squares around the spots (n, 2) of one frame (1, rows, columns), cut out and laid side by
-    side, (2 reach + 1, n (2 reach + 1)); NaN beyond the frame, and for a spot that is missing.
-    """
-    _, spot, middle = in_frame(frames, places[None])
-    side = 2 * reach + 1
-    row = np.full((len(places), side, side), np.nan, np.result_type(frames.dtype, np.float32))
-    row[spot] = cut_stamps(frames, np.zeros(len(spot), np.intp), middle, reach)
-    return row.swapaxes(0, 1).reshape(side, -1)
-
-
-def places_side_by_side(path: Floats, reach: int) -> Floats:
-    """Where spots (K, n, 2) are in `side_by_side`."""
-    corner = np.rint(path) - reach
-    corner[..., 0] -= (2 * reach + 1) * np.arange(path.shape[1])
-    return path - corner

@@ -8,9 +8,10 @@ import pytest
 import losbench as lb
 from losbench.recording import follow
 from losbench.recording.follow import measured
+from losbench.recording.nodes import places_side_by_side, side_by_side
 from losbench.recording.reference import Reference, shifts_from
 from losbench.recording.starts import check_shape, first_places
-from losbench.recording.survey import Survey, places_side_by_side, side_by_side, survey
+from losbench.recording.survey import Survey, survey
 from losbench.recording.track import Track
 
 RNG = np.random.default_rng(23)

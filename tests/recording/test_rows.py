@@ -103,13 +103,13 @@ def test_the_rows_around_spots_tell_the_same_as_whole_frames(frames, tmp_path, k
     read, real = [], handles._read_at
     whole = lb.measure(lb.read_recording(frames, detector=DETECTOR), spots=SPOTS)
     recording = lb.read_recording(kind(tmp_path, frames), detector=DETECTOR)
-    surveyed = lb.measure(recording, spots=SPOTS)  # every frame, for there are fewer than 64
+    surveyed = lb.measure(recording, spots=SPOTS)  # every frame too, for there are fewer than 64
     monkeypatch.setattr(handles, "_read_at", lambda *job: read.append(len(job[2])) or real(*job))
     rows = lb.measure(recording, spots=SPOTS)
     same(rows, whole)
     same(surveyed, whole)
-    survey, again = N * frames[0].nbytes, 16 * frames[0].nbytes  # the block in which one jumps
-    assert survey < sum(read) < survey + 0.6 * N * frames[0].nbytes + again
+    again = 16 * frames[0].nbytes  # the first, and those in which one jumps or is lost
+    assert 0 < sum(read) < 2 * 0.6 * frames.nbytes + again
 
 
 @pytest.mark.parametrize(

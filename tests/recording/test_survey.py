@@ -9,7 +9,8 @@ import pytest
 import losbench as lb
 from losbench.imaging.background import Ring
 from losbench.imaging.results import SpotFlag
-from losbench.recording.survey import Survey, places_side_by_side, side_by_side, survey
+from losbench.recording.nodes import places_side_by_side, side_by_side
+from losbench.recording.survey import Survey, survey
 
 SENSOR = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
 SPOTS = np.array([[30.0, 25.0], [60.0, 30.0]])

@@ -9,7 +9,8 @@ import losbench as lb
 from losbench.recording import acquire
 from losbench.recording.acquire import Known, elsewhere, found_again, strangers
 from losbench.recording.bands import Bands
-from losbench.recording.survey import _clipped_black, _median
+from losbench.recording.nodes import median_light
+from losbench.recording.survey import _clipped_black
 from losbench.recording.track import Track
 
 NOTHING = np.zeros((0, 2))
@@ -121,7 +122,7 @@ def test_a_lost_spot_has_come_to_rest_with_the_light_that_it_had(monkeypatch, fl
 
 def test_the_light_of_a_spot_is_the_median_of_the_frames_that_show_it():
     flux = np.array([[1.0, np.nan, np.nan], [4.0, np.nan, 7.0], [2.0, np.nan, np.nan]])
-    found = _median(flux)
+    found = median_light(flux)
     np.testing.assert_array_equal(found, [2.0, np.nan, 7.0])
 
 
