@@ -1,20 +1,18 @@
-"""What a template from the recording's own spots would bring: scatter over the bound, six shapes.
+"""What a template from the recording's own spots brings: scatter over the bound, six shapes.
 
-No part of the library. Frames wander by half a pixel, as in notebook 04; the template is a field of
-cubic splines, knots half a pixel apart, fitted by least squares to all windows at once, and places
-and template are found in turns, from those of EIWA. ``python benchmarks/empirical.py`` prints the
-table that `docs/estimator.md` sums up.
+Frames wander by half a pixel, as in notebook 04. The error that `lb.Empirical` states is held
+against its scatter in the frames that made the template, and in 200 others.
+``python benchmarks/empirical.py`` prints the table that `docs/estimator.md` sums up.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 import losbench as lb
 
 CAMERA = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
-SIDE, HALF, REACH, KNOTS = 33, 16, 9, 0.5
+SIDE, HALF, WINDOW, SEEDS = 33, 16, 21, 4
 FINE = (np.arange(5 * SIDE) + 0.5) / 5 - 0.5 - HALF
 SHAPES = {
     "Gaussian": lambda x, y: np.exp(-0.125 * (x**2 + y**2)),
@@ -37,62 +35,6 @@ def light_of(shape, xy, peak):
     return peak * SHAPES[shape](x, y).reshape(-1, SIDE, 5, SIDE, 5).mean(axis=(2, 4)) + 100.0
 
 
-class Splines:
-    """A field of cubic splines, ``c`` (k, k), on knots around the middle of a spot."""
-
-    def __init__(self):
-        inner = np.arange(-REACH - 0.5, REACH + 0.5 + 1e-9, KNOTS)
-        self.knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
-        self.count, self.c = len(self.knots) - 4, None
-
-    def along(self, at, slope=0):
-        """Each spline at some places, (S, k)."""
-        inside = np.clip(at, self.knots[3], self.knots[-4] - 1e-9)
-        return BSpline(self.knots, np.eye(self.count), 3)(inside, slope)
-
-    def fit(self, windows, xy):
-        """Least squares of all windows (n, S, S) at once, smooth where nothing tells."""
-        size, grid = self.count**2, np.arange(-REACH, REACH + 1)
-        normal, moment = np.zeros((size, size)), np.zeros(size)
-        for window, (x, y) in zip(windows, xy, strict=True):
-            down, across = self.along(grid - y), self.along(grid - x)
-            normal += np.kron(down.T @ down, across.T @ across)
-            moment += (down.T @ window @ across).ravel()
-        bent = np.diff(np.eye(self.count), 2, axis=0)
-        rough = np.kron(bent.T @ bent, np.eye(self.count))
-        rough += np.kron(np.eye(self.count), bent.T @ bent)
-        unit = np.trace(normal) / size
-        normal += unit * (1e-3 * rough + 1e-9 * np.eye(size))
-        self.c = np.linalg.solve(normal, moment).reshape(self.count, self.count)
-
-    def at(self, xy, slopes=(0, 0)):
-        """Light of the template at a place, or its slope along x and y, (S, S)."""
-        grid = np.arange(-REACH, REACH + 1)
-        return self.along(grid - xy[1], slopes[1]) @ self.c @ self.along(grid - xy[0], slopes[0]).T
-
-
-def moved(windows, xy, splines):
-    """Places (n, 2) at which the template fits each window best, by scoring steps."""
-    xy = xy.copy()
-    for window, place in zip(windows, xy, strict=True):
-        for _ in range(5):
-            model = splines.at(place)
-            columns = [
-                model,
-                -splines.at(place, (1, 0)),
-                -splines.at(place, (0, 1)),
-                1.0 + 0 * model,
-            ]
-            root = np.sqrt(np.maximum(model, 0.0) + 125.0).ravel()
-            basis = np.stack(columns, axis=-1).reshape(-1, 4) / root[:, None]
-            found = np.linalg.lstsq(basis, window.ravel() / root, rcond=None)[0]
-            step = np.clip(found[1:3] / found[0], -1.0, 1.0)
-            place += step
-            if np.hypot(*step) < 1e-4:
-                break
-    return xy
-
-
 def bound_of(shape, peak):
     """Least error of x and y, mean of both, with flux and level fitted as well, pixels."""
     h, nowhere = 0.01, np.zeros((1, 2))
@@ -106,30 +48,47 @@ def bound_of(shape, peak):
     return float(np.sqrt(np.linalg.inv(basis.T @ basis).diagonal()[:2].mean()))
 
 
-def scatter(xy, truth):
-    """Scatter about a common offset, pixels."""
-    return float(np.std(xy - truth - np.mean(xy - truth, axis=0)))
+def measured(shape, frames, peak, seed, method):
+    """Errors about a common offset, and what is stated of them, (n, 2) pixels; and the method."""
+    rng = np.random.default_rng(seed)
+    truth = rng.uniform(-0.5, 0.5, (frames, 2))
+    seen = CAMERA.expose(light_of(shape, truth, peak), rng)
+    found = lb.centroid(seen, [[HALF, HALF]], method=method, detector=CAMERA)
+    error = found.xy[:, 0] - truth
+    return error - error.mean(axis=0), found.sigma_xy[:, 0], found.method
+
+
+def root_mean(values):
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def main() -> None:
-    """Print EIWA and the template over the bound."""
-    print(f"{'shape':10s} frames  peak (e-)  bound (mpx)  EIWA / bound  template / bound")
-    cases = [(300, 5e3), (100, 5e3), (30, 5e3), (10, 5e3), (300, 5e2)]
+    """Print EIWA and the template over the bound, and stated errors over scatter."""
+    print(
+        f"{'shape':10s} frames  peak (e-)  bound (mpx)  EIWA / bound  Empirical / bound  "
+        "stated / scatter  in other frames"
+    )
+    cases = [(300, 5e3), (100, 5e3), (30, 5e3), (10, 5e3), (300, 5e2), (30, 5e2)]
     for frames, peak in cases:
         for shape in SHAPES:
-            truth = np.random.default_rng(5).uniform(-0.5, 0.5, (frames, 2))
-            seen = CAMERA.expose(light_of(shape, truth, peak), 6)
-            eiwa = lb.centroid(seen, [[HALF, HALF]], method=lb.EIWA(21), detector=CAMERA)
-            xy, splines = eiwa.xy[:, 0] - HALF, Splines()
-            near = slice(HALF - REACH, HALF + REACH + 1)
-            windows = (seen[:, near, near] - CAMERA.offset_dn) * CAMERA.gain_e_per_dn - 100.0
-            bound, of_eiwa = bound_of(shape, peak), scatter(xy, truth)
-            for _ in range(3):
-                splines.fit(windows, xy)
-                xy = moved(windows, xy, splines)
+            eiwa, own, other = [], [], []
+            for seed in range(SEEDS):
+                case = shape, frames, peak, seed
+                eiwa.append(measured(*case, lb.EIWA(WINDOW))[0])
+                own.append(measured(*case, lb.Empirical(window=WINDOW)))
+                other.append(measured(shape, 200, peak, 100 + seed, own[-1][2]))
+            ratios = [
+                root_mean([stated for _, stated, _ in some])
+                / root_mean([error for error, _, _ in some])
+                for some in (own, other)
+            ]
+            bound = bound_of(shape, peak)
             print(
                 f"{shape:10s} {frames:6d} {peak:10.0f} {1e3 * bound:12.2f} "
-                f"{of_eiwa / bound:13.2f} {scatter(xy, truth) / bound:17.2f}",
+                f"{root_mean(eiwa) / bound:13.2f} "
+                f"{root_mean([error for error, _, _ in own]) / bound:18.2f} "
+                f"{ratios[0]:17.2f} {ratios[1]:16.2f}",
                 flush=True,
             )
 

@@ -41,7 +41,8 @@ class AutoCentroid:
     widths are free, where more than 5 % of the spots are saturated: their cores are masked; `EIWA`
     where a Gaussian leaves more than 0.3 of the light unexplained. The choice is made once for a
     call, and in `measure` once for a recording, by up to 64 frames; `Centroids.method` and
-    `Centroids.reason`, and the notes of a measurement, tell it.
+    `Centroids.reason`, and the notes of a measurement, tell it. Where it takes `EIWA`, `Empirical`
+    scatters less, from ten frames on, if the shape stays.
 
     Parameters
     ----------

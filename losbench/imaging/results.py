@@ -69,7 +69,8 @@ class SpotFlag(IntFlag):
     MISSING = 64, "No start within the frame, or a pixel of the window was not read.", False
     MISFIT = (
         128,
-        "Template and window, or their middles, differ by a tenth in light: wrong width or shape.",
+        "Template and window, or their middles, differ by a tenth in light, or a template of the "
+        "frames by 3 % or where it is not known: wrong width or shape.",
     )
     RING = (
         256,

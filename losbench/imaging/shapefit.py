@@ -10,6 +10,7 @@ the error of what it smooths away (Nychka 1988, J. Am. Stat. Assoc. 83, 1134).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -32,9 +33,9 @@ __all__ = ["drawing", "fit_shape"]
 
 _ROUNDS = 8
 _AT_REST = 1e-3  # pixels
-_CLEANED = 1  # round after which pixels that stand out are left out
-_CHOICES = (1, 3)  # rounds after which the penalty is chosen
-_PENALTIES = 10.0 ** np.arange(-5.0, 2.0)  # in units of the mean information of a spline
+_SETTLED = 1  # round after which pixels that stand out are left out, and the penalty is chosen
+_PENALTIES = (1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0)  # of the mean information of a spline
+_FIRST = 0.1
 _RIDGE = 1e-9  # of it
 _STEPS, _CLOSE = 12, 1e-5  # pixels squared
 _SEEN = 4  # splines of an axis that one pixel sees
@@ -86,23 +87,23 @@ def _fitted(windows: Windows) -> SpotShape:
     pixels = windows.signal[:, 1:-1, 1:-1]
     kept = None if windows.kept is None else windows.kept[:, 1:-1, 1:-1]
     seen = _Seen.of(windows, start, pixels.sum(axis=(1, 2)), pixels.mean(axis=0), kept)
-    penalty = 0.1
+    penalty = _FIRST
     for k in range(_ROUNDS):
         splines = seen.normal().solved(penalty).splines(windows.side)
         draw = drawing(windows.side, splines[None], none)
         here = replace(windows, start=seen.place)
         fit = fit_template(here, tolerance=_CLOSE, max_iter=_STEPS, draw=draw)
         light = draw(slice(None), fit.centre).light * fit.flux[:, None, None]
-        if k == _CLEANED:
+        if k == _SETTLED:
             bad = bad_pixels(windows, light, kept)
             kept = (~bad if kept is None else ~bad & (kept > 0)).astype(pixels.dtype)
             windows = replace(windows, kept=np.pad(kept, ((0, 0), (1, 1), (1, 1))))
         place = fit.centre + (start - fit.centre).mean(axis=0)
         step = np.abs(place - seen.place).max()
         seen = _Seen.of(windows, place, fit.flux, light, kept)
-        if k in _CHOICES:
+        if k == _SETTLED:
             penalty = _chosen(seen)
-        if step < _AT_REST and k > max(_CHOICES):
+        elif k > _SETTLED and step < _AT_REST:
             break
     solved = seen.normal().solved(penalty)
     error = _error(seen, solved)
@@ -122,16 +123,26 @@ def _drawn(splines: Floats, place: Floats, side: int) -> Drawn:
 
 
 def _chosen(seen: _Seen) -> float:
-    """The penalty with which each half of the windows foretells the other best."""
+    """The penalty with which each half of the windows foretells the other best, downhill from the
+    first.
+    """
     one, two = (seen.of_some(slice(k, None, 2)) for k in range(2))
-    left = np.zeros(len(_PENALTIES))
-    for known, other in ((one, two), (two, one)):
-        normal = known.normal()
-        for k, penalty in enumerate(_PENALTIES):
-            splines, scale = normal.solved(penalty).raw, other.flux[:, None, None]
+    pairs = [(known.normal(), other) for known, other in ((one, two), (two, one))]
+
+    @cache
+    def left(k: int) -> float:
+        total = 0.0
+        for normal, other in pairs:
+            splines, scale = normal.solved(_PENALTIES[k]).raw, other.flux[:, None, None]
             light = scale * _drawn(splines, other.place, other.windows.side).columns[:, 0]
-            left[k] += (other.weight * (other.pixels - light) ** 2).sum()
-    return float(_PENALTIES[left.argmin()])
+            total += float((other.weight * (other.pixels - light) ** 2).sum())
+        return total
+
+    best, k = -1, _PENALTIES.index(_FIRST)
+    while k != best:
+        best = k
+        k = min(range(max(k - 1, 0), min(k + 2, len(_PENALTIES))), key=left)
+    return _PENALTIES[best]
 
 
 @dataclass(frozen=True)

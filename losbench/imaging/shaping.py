@@ -25,7 +25,7 @@ __all__ = ["shaped"]
 _FRAMES = 64
 _FEWEST = 10  # windows
 _TOGETHER = 256  # windows of spots that share a shape
-_WIDEST = 201  # pixels
+_WIDEST = 121  # pixels
 _READ = 0.85  # of the pixels of a window
 
 
@@ -39,7 +39,7 @@ def shaped(method: Empirical, groups: Sequence[Group], stack: NDArray[Any]) -> E
     Raises
     ------
     ValueError
-        If there is none for any spot, a window is wider than 201 pixels, or what is given has
+        If there is none for any spot, a window is wider than 121 pixels, or what is given has
         another window or another number of spots.
     """
     count = sum(len(group.numbers) for group in groups)

@@ -18,6 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import DTypeLike
 
 from losbench.arrays import Bools, Floats, Indices, Pixels
+from losbench.checks import integer
 from losbench.imaging.columns import Sums
 
 __all__ = ["PHASES", "Drawn", "SpotShape", "knots_per_pixel", "spline_count", "spline_weights"]
@@ -25,7 +26,8 @@ __all__ = ["PHASES", "Drawn", "SpotShape", "knots_per_pixel", "spline_count", "s
 
 PHASES = 8  # places along a pixel at which the error of a shape is told
 _ROOM = 1.5  # pixels, by which a spot may stand off the middle of its window
-_FINE_SIDE = 41  # pixels
+_KNOTS = {11: 3, 61: 2}  # to a pixel, in windows of up to so many pixels; one in wider ones
+_SHARP = 0.8  # pixels, and 1.6 knots: what is sharper is not told between the pixels
 _STILL, _FAR = 0.02, 3.0  # pixels; spreads of the places that made a shape
 # Four splines in the powers of the way from one knot to the next.
 _POWERS = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6.0
@@ -70,16 +72,38 @@ class SpotShape:
         """Variance that the shape brings into a pixel, in parts of that of a window's, at most."""
         return min(1.0, self.coefficients.size / (self.frames * self.side**2))
 
+    def image(self, finer: int = 1) -> Floats:
+        """Draw it, (side * finer, side * finer) readings, so many to a pixel, to be looked at."""
+        integer("finer", finer, low=1)
+        off = (np.arange(finer) + 0.5) / finer - 0.5
+        weights = spline_weights(self.side, -off)[0].swapaxes(0, 1)
+        weights = weights.reshape(-1, weights.shape[-1])
+        return np.asarray(weights @ self.coefficients @ weights.T)
+
     def error_at(self, centre: Floats) -> Floats:
         """Error (M, 2) that the shape brings into places at (M, 2), pixels."""
         phase = np.nan_to_num(centre) + 0.5
         column, row = (np.floor(PHASES * (phase - np.floor(phase))).astype(np.intp) % PHASES).T
         return self.error[row, column]
 
+    @cached_property
+    def width(self) -> float:
+        """How far its light goes until it changes, pixels: sigma of a Gaussian, and 1.4 times that
+        of the line of a ring.
+        """
+        phases = np.array([[0.0, 0.0], [0.5, 0.5]])
+        splines, one = self.coefficients[None], np.zeros(2, np.intp)
+        light, *slopes = Drawn.of(self.side, phases, splines, one, np.float64).columns.swapaxes(
+            0, 1
+        )
+        return float(np.sqrt((light**2).sum() / np.square(slopes).sum()))
+
     def beyond(self, centre: Floats) -> Bools:
         """Whether places at (M, 2) lie further off, by the part of the pixel, than the frames tell:
-        spots that stood still show no slopes.
+        spots that stood still show no slopes, and sharp ones none at all.
         """
+        if self.width < max(_SHARP, 2.0 * _SHARP / knots_per_pixel(self.side)):
+            return np.ones(len(centre), dtype=bool)
         off = centre - self.place
         off -= np.rint(off)
         return np.asarray((np.abs(off) > _STILL + _FAR * self.spread).any(axis=1))
@@ -98,8 +122,10 @@ class SpotShape:
 
 
 def knots_per_pixel(side: int) -> int:
-    """Two, and one in wide windows, whose spots are the smoother."""
-    return 2 if side <= _FINE_SIDE else 1
+    """Three, two in windows of more than 11 pixels and one in those of more than 61, whose spots
+    are the smoother.
+    """
+    return next((knots for most, knots in _KNOTS.items() if side <= most), 1)
 
 
 def spline_count(side: int) -> int:

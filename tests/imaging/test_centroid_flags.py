@@ -246,7 +246,7 @@ GOOD = np.zeros((2, 30, 40), dtype=np.uint16)
             GOOD,
             [[9, 9]],
             {"method": "moments"},
-            "method must be one of 'auto', 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', got 'moments'",
+            "method must be one of 'auto', 'eiwa', 'grey', 'weighted', 'likelihood', 'gaussian', 'empirical', got 'moments'",
         ),
         (GOOD, [[9, 9]], {"stop": "never"}, "stop must be one of 'error', 'step', got 'never'"),
         (

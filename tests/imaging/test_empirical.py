@@ -134,6 +134,23 @@ def test_a_shape_measures_other_frames_and_is_the_same_wherever_it_goes():
     np.testing.assert_array_equal(measured(frames[:3], one).xy, found.xy[:3])
 
 
+@pytest.mark.parametrize("finer", [1, 4])
+def test_the_shape_can_be_looked_at(finer):
+    frames, truth = frames_of("coma", 64, 4)
+    found = measured(frames)
+    origin = (truth - found.xy[:, 0]).mean(axis=0)
+    (shape,) = found.method.shape
+    image = shape.image(finer)
+    assert image.shape == (WINDOW * finer, WINDOW * finer)
+    fine = (np.arange(WINDOW * finer * 5) + 0.5) / (5 * finer) - WINDOW / 2.0
+    light = SHAPES["coma"](fine - origin[0], fine[:, None] - origin[1])
+    means = light.reshape(WINDOW * finer, 5, -1, 5).mean(axis=(1, 3))
+    expected = means / means.sum() * finer**2
+    assert np.abs(image - expected).max() < 0.05 * expected.max()
+    with pytest.raises(ValueError, match="finer must be a whole number of at least 1, got 0"):
+        shape.image(0)
+
+
 def test_a_batch_is_a_loop():
     frames, _ = frames_of("two lobes", 30, 6)
     together = measured(frames)
@@ -203,7 +220,7 @@ def test_a_spot_that_no_frame_shows_has_no_shape_and_no_centroid():
         (lambda shape: lb.Empirical("ring"), "shape must be a SpotShape, or a tuple of one for"),
         (lambda shape: lb.Empirical(shape, window=13), "shape must be that of windows of 13 pix"),
         (lambda shape: lb.Empirical((shape, shape)), "shape must be one, or one for each of 1 sp"),
-        (lambda shape: lb.Empirical(window=203), "window must be at most 201 pixels for a shape"),
+        (lambda shape: lb.Empirical(window=123), "window must be at most 121 pixels for a shape"),
         (lambda shape: lb.Empirical(window=20), "window must be odd"),
     ],
 )
@@ -283,11 +300,36 @@ def test_a_spot_that_moves_on_to_where_no_frame_has_shown_it_is_flagged(shape, w
     assert spread.std() < 1.4
 
 
-@pytest.mark.parametrize("side", [41, 43])
-def test_what_is_drawn_are_cubic_splines_and_their_slopes(side):
-    """Two knots to a pixel up to 41 pixels, one beyond."""
+@pytest.mark.parametrize(("sigma", "side", "sharp"), [(0.65, 7, True), (0.85, 7, False)])
+def test_a_spot_that_is_too_sharp_for_its_splines_is_flagged(sigma, side, sharp):
+    rng = np.random.default_rng(21)
+    truth = HALF + rng.uniform(-0.5, 0.5, (60, 2))
+    light = lb.render_spots(truth[:, None], 1e5, sigma, (SIDE, SIDE)) + SKY
+    found = measured(CAMERA.expose(light, rng), lb.Empirical(window=side))
+    assert found.method.shape[0].width == pytest.approx(np.hypot(sigma, 12.0**-0.5), rel=0.1)
+    assert ((found.flags & SpotFlag.MISFIT) > 0).mean() == sharp
+
+
+@pytest.mark.parametrize("window", [61, 63])
+def test_a_sharp_ring_in_a_wide_window_is_measured_or_flagged(window):
+    rng = np.random.default_rng(22)
+    truth = 40 + rng.uniform(-0.5, 0.5, (24, 2))
+    y, x = np.mgrid[:81, :81]
+    r = np.hypot(x - truth[:, 0, None, None], y - truth[:, 1, None, None])
+    frames = CAMERA.expose(5e3 * np.exp(-0.5 * ((r - 15.0) / 0.9) ** 2) + SKY, rng)
+    method = lb.Empirical(window=window)
+    found = lb.centroid(frames, [[40, 40]], method=method, detector=CAMERA)
+    if window == 63:
+        assert ((found.flags & SpotFlag.MISFIT) > 0).all()
+    else:
+        assert not found.flags.any() and 0.8 < pulls(found, truth).std() < 1.2
+
+
+@pytest.mark.parametrize(("side", "each"), [(11, 3), (13, 2), (61, 2), (63, 1)])
+def test_what_is_drawn_are_cubic_splines_and_their_slopes(side, each):
+    """Three knots to a pixel up to 11 pixels, two up to 61, one beyond."""
     rng = np.random.default_rng(20)
-    each, count = (2, 89) if side == 41 else (1, 48)
+    count = (side + 2) * each + 3
     assert spline_count(side) == count
     splines, centre = rng.normal(size=(2, count, count)), rng.uniform(-1.4, 1.4, (6, 2))
     which = np.array([0, 1, 1, 0, 1, 0])
