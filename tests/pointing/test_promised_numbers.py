@@ -169,8 +169,8 @@ def test_a_rate_is_the_mean_over_the_whole_width():
     turned = Rotation.from_rotvec(turn[:, None] * np.array([1.0, 0.0, 0.0]))
     inner = slice(100, -100)
     rate = 1e-4 * 2 * np.pi / 20.0
-    assert np.abs(_rate(time_s, turned, 20.0)[inner]).max() < 1e-6 * rate
-    found = np.abs(_rate(time_s, turned, 10.0)[inner, 0]).max()
+    assert np.abs(_rate(time_s, turned, 20.0)[0][inner]).max() < 1e-6 * rate
+    found = np.abs(_rate(time_s, turned, 10.0)[0][inner, 0]).max()
     assert found == pytest.approx(rate * 2 / np.pi, rel=1e-3)
 
 

@@ -212,3 +212,24 @@ def test_a_prior_is_averaged_over_seven_e_folds_of_its_variance_to_either_side()
         np.sqrt(weight @ (variance + (total - mean) ** 2)), rel=1e-6
     )
     assert found.dof == 29
+
+
+@pytest.mark.parametrize("origin_s", [-7000.0, 1e5])
+def test_when_a_record_begins_makes_no_difference(origin_s):
+    rng = np.random.default_rng(9)
+    errors = rng.standard_normal(240)
+    for k in range(1, 240):
+        errors[k] += 0.7 * errors[k - 1]
+    basis = np.column_stack([np.ones(240), ROOM])
+    plain, moved = (fit_noise(basis, errors, T + origin) for origin in (0.0, origin_s))
+    assert (moved.tau_s, moved.white) == pytest.approx((plain.tau_s, plain.white), rel=1e-6)
+    # Little but a slow wander: the noise's longest memory is the record.
+    slow = np.cumsum(rng.standard_normal(240))
+    plain, moved = (fit_noise(basis[:, :1], slow, T + origin) for origin in (0.0, origin_s))
+    assert moved.tau_s == pytest.approx(plain.tau_s, rel=1e-6) and plain.tau_s <= T[-1]
+    y = 1e-6 * (lagged(ROOM, T, 420.0) + 0.05 * errors)
+    model = Offset() + Lagged("room")
+    one, two = (lb.identify(model, y, {"room": ROOM}, T + origin) for origin in (0.0, origin_s))
+    np.testing.assert_allclose(two.interval, one.interval, rtol=1e-6)
+    np.testing.assert_allclose(two.tau_interval_s, one.tau_interval_s, rtol=1e-6)
+    assert two.lack_of_fit[0].f_p_value == pytest.approx(one.lack_of_fit[0].f_p_value, rel=1e-6)

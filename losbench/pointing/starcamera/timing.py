@@ -23,6 +23,9 @@ __all__ = [
     "time_tag_offset",
 ]
 
+_TELLING = 2.0  # mean square of the rate over that of its noise
+_ROUNDS = 3
+
 
 def smooth_drift(time_s: ArrayLike, drift: ArrayLike, *, window_s: float) -> Floats:
     """Low-pass a drift by its mean over a window about each time.
@@ -163,7 +166,7 @@ def time_tag_offset(
 
     Two rigidly mounted heads that are read at different moments seem to turn against each other by
     rate x offset; what of that is constant looks like a mounting error, so only a changing rate
-    tells. Noise is taken as white.
+    tells. Noise is taken as white; what it may have taken off the offset is part of the error.
 
     Parameters
     ----------
@@ -183,13 +186,13 @@ def time_tag_offset(
     Raises
     ------
     ValueError
-        If times do not increase, shapes differ, fewer than ten rows are complete, or the rate never
-        changes.
+        If times do not increase, shapes differ, fewer than ten rows are complete, or the rate
+        changes by no more than its noise may: half of its mean square, or more.
 
     Notes
     -----
     Weighted regression of the relative rotation, C0' R1' R2 as a rotation vector, on the rate of
-    the second head, each axis by its own scatter.
+    the second head, each axis by the scatter that it leaves.
     """
     t, q1 = read_series(time_s, first, "first")
     q2 = read_series(time_s, second, "second")[1]
@@ -203,23 +206,34 @@ def time_tag_offset(
     r1, r2 = (Rotation.from_matrix(head.matrices()[known]) for head in (one, two))
     relative = r1.inv() * r2
     away = (relative.mean().inv() * relative).as_rotvec()
-    rate = _rate(t, r2, float(positive("smooth_s", number("smooth_s", smooth_s))))
+    rate, span = _rate(t, r2, float(positive("smooth_s", number("smooth_s", smooth_s))))
     away, rate = away - away.mean(axis=0), rate - rate.mean(axis=0)
-    weight = 1.0 / np.maximum(np.var(away, axis=0), 1e-30)
-    power = float(np.sum(weight * np.sum(rate**2, axis=0)))
-    if power < 1e-6:
-        raise ValueError("the rate must change for a time offset to be seen; here it is steady")
-    return TimeOffset(float(np.sum(weight * np.sum(rate * away, axis=0))) / power, power**-0.5)
+    seconds = power = 0.0
+    for _ in range(_ROUNDS):  # each axis counts by what the offset leaves of it
+        weight = 1.0 / np.maximum(np.var(away - seconds * rate, axis=0), 1e-30)
+        power = float(np.sum(weight * np.sum(rate**2, axis=0)))
+        seconds = float(np.sum(weight * np.sum(rate * away, axis=0))) / max(power, 1e-300)
+    # Noise of the second head is in the rate too, at most all that neighbours differ by: it draws
+    # the offset towards zero, by its share of the power.
+    white = 0.5 * np.mean(np.diff(away - seconds * rate, axis=0) ** 2, axis=0)
+    noise = float(np.sum(weight * white) * np.sum(2.0 / span**2))
+    if not power > _TELLING * noise:
+        raise ValueError(
+            "the rate must change by more than its noise for a time offset to be seen; here it is "
+            "steady"
+        )
+    return TimeOffset(seconds, float(np.hypot(power**-0.5, seconds * noise / power)))
 
 
-def _rate(t: Floats, attitude: Rotation, smooth_s: float) -> Floats:
-    """Angular rate in camera axes, radians per second: the mean over a window centred at each
-    time.
+def _rate(t: Floats, attitude: Rotation, smooth_s: float) -> tuple[Floats, Floats]:
+    """Angular rate (n, 3) in camera axes, radians per second: the mean over a window centred at
+    each time; and its width (n,), seconds.
     """
     half = smooth_s / 2.0
     before = np.clip(np.searchsorted(t, t - half), 0, len(t) - 2)
     after = np.clip(np.searchsorted(t, t + half), before + 1, len(t) - 1)
-    return (attitude[before].inv() * attitude[after]).as_rotvec() / (t[after] - t[before])[:, None]
+    span = t[after] - t[before]
+    return (attitude[before].inv() * attitude[after]).as_rotvec() / span[:, None], span
 
 
 def _slerp(

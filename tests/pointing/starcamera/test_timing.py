@@ -191,7 +191,7 @@ def test_aberration_forth_and_back_and_in_every_convention():
         ),
         (
             lambda t, q: time_tag_offset(t, q, q, convention=LAST),
-            "the rate must change for a time offset to be seen",
+            "the rate must change by more than its noise for a time offset to be seen",
         ),
         (
             lambda t, q: time_tag_offset(t[:5], q[:5], q[:5], convention=LAST),
@@ -214,27 +214,66 @@ def test_a_rate_is_that_of_a_window_about_each_time_or_of_the_nearest_step(smoot
     t = np.cumsum([0.0, 1.0, 0.7, 1.2, 0.9, 1.0, 2.0, 1.0])
     turn = np.cumsum([0.0, 3.0, -1.0, 4.0, 1.0, -5.0, 9.0, 2.0]) * 1e-3
     attitude = Rotation.from_rotvec(np.outer(turn, [0.0, 1.0, 0.0]))
-    expected = []
+    expected, widths = [], []
     for when in t:
         inside = np.flatnonzero((t >= when - smooth_s / 2) & (t < when + smooth_s / 2))
         first = min(inside[0], 6)
         last = min(max(inside[-1] + 1, first + 1), 7)
         expected.append((turn[last] - turn[first]) / (t[last] - t[first]))
-    np.testing.assert_allclose(_rate(t, attitude, smooth_s)[:, 1], expected, rtol=1e-9)
+        widths.append(turn[last] - turn[first])
+    rate, span = _rate(t, attitude, smooth_s)
+    np.testing.assert_allclose(rate[:, 1], expected, rtol=1e-9)
+    np.testing.assert_allclose(rate[:, 1] * span, widths, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("sigma_s", "told"), [(900.0, True), (1100.0, False)])
-def test_an_offset_is_told_as_long_as_it_is_known_to_a_thousand_seconds(sigma_s, told):
-    """Of a second head without noise, whose rate swings, and of a first with much of it."""
-    time, noise = np.arange(400.0), 1e-4 * np.random.default_rng(11).standard_normal((400, 3))
-    # Regression: the error of the offset is the noise over the root of the rate's sum of squares.
-    swing = noise[:, 0].std() / np.sqrt(200.0) / sigma_s
-    turn = swing * 50.0 / (2 * np.pi) * np.sin(2 * np.pi * time / 50.0)
-    second = Rotation.from_rotvec(np.outer(turn, [1.0, 0.0, 0.0]))
-    heads = (second * Rotation.from_rotvec(noise)).as_quat(), second.as_quat()
-    if told:
-        found = time_tag_offset(time, *heads, convention=LAST)
-        assert found.sigma_s == pytest.approx(sigma_s, rel=0.02)
-    else:
-        with pytest.raises(ValueError, match="the rate must change"):
-            time_tag_offset(time, *heads, convention=LAST)
+def noisy_heads(swing, late_s, seed, *, noise=(1e-6, 1e-6), drift=0.0, n=400):
+    """Heads a second apart in their samples, about one axis: a rate that swings in 40 s, each with
+    its white noise, the second read later.
+    """
+    rng, time = np.random.default_rng(seed), np.arange(float(n))
+    heads = []
+    for late, sigma in zip((0.0, late_s), noise, strict=True):
+        turn = swing * 40.0 / (2 * np.pi) * np.sin(2 * np.pi * (time + late) / 40.0)
+        slow = np.outer(drift * time / n if late else 0.0 * time, np.ones(3))
+        errors = Rotation.from_rotvec(sigma * rng.standard_normal((n, 3)))
+        heads.append(
+            (Rotation.from_rotvec(np.outer(turn, [1.0, 0.0, 0.0]) + slow) * errors).as_quat()
+        )
+    return time, *heads
+
+
+@pytest.mark.parametrize("late_s", [0.0, 3.0])
+def test_the_noise_of_a_steady_pair_tells_no_offset(late_s):
+    for seed in range(20):
+        with pytest.raises(ValueError, match="the rate must change by more than its noise"):
+            time_tag_offset(*noisy_heads(1e-7, late_s, seed), convention=LAST)
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (40, 1))
+    with pytest.raises(ValueError, match="the rate must change"):
+        time_tag_offset(np.arange(40.0), still, still, convention=LAST)
+
+
+@pytest.mark.parametrize(("ratio", "told"), [(0.7, False), (1.4, True)])
+def test_a_rate_tells_from_twice_its_noise_on(ratio, told):
+    """Noise in the second head alone: a mean square of 2 sigma^2 / (2 s)^2 for each axis, of which
+    one swings; the power is the sum of both.
+    """
+    for seed in range(10):
+        swing = np.sqrt(2.0 * ratio * 3.0 * 2.0 * 1e-12 / 4.0)
+        heads = noisy_heads(swing, 0.0, seed, noise=(0.0, 1e-6))
+        if told:
+            assert time_tag_offset(*heads, convention=LAST).sigma_s < 1.0
+        else:
+            with pytest.raises(ValueError, match="the rate must change"):
+                time_tag_offset(*heads, convention=LAST)
+
+
+@pytest.mark.parametrize("noise", [(1e-6, 1e-6), (0.0, 1.4e-6), (1.4e-6, 0.0)])
+@pytest.mark.parametrize(("swing", "drift"), [(4e-6, 0.0), (2e-5, 0.0), (1e-5, 1e-5)])
+def test_an_offset_that_noise_draws_to_zero_keeps_the_truth_within_its_error(noise, swing, drift):
+    """0.7 s, of which noise may take off a tenth; also beside a drift of ten times the noise."""
+    misses = []
+    for seed in range(40):
+        heads = noisy_heads(swing, 0.7, seed, noise=noise, drift=drift)
+        found = time_tag_offset(*heads, convention=LAST)
+        misses.append((found.seconds - 0.7) / found.sigma_s)
+    assert np.mean(np.abs(misses) < 2.0) > 0.85
