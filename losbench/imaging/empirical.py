@@ -31,8 +31,8 @@ class Empirical:
 
     For spots that are no Gaussians: defocused, ring-shaped, comatic, in two lobes. The shape is
     made of up to 64 frames in which a spot stands out: cubic splines, with places and light fitted
-    beside them, from those of `EIWA`. It reaches the Cramer-Rao bound within a tenth from 30
-    frames.
+    beside them, from those of `EIWA`. With ten frames or more it comes within a tenth of the
+    Cramer-Rao bound.
 
     Parameters
     ----------

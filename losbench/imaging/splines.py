@@ -88,8 +88,8 @@ class SpotShape:
 
     @cached_property
     def width(self) -> float:
-        """How far its light goes until it changes, pixels: sigma of a Gaussian, and 1.4 times that
-        of the line of a ring.
+        """Within how many pixels its light changes. Of a Gaussian it is sigma, of a ring 1.4 times
+        the sigma of its line, with the pixel's own.
         """
         phases = np.array([[0.0, 0.0], [0.5, 0.5]])
         splines, one = self.coefficients[None], np.zeros(2, np.intp)
