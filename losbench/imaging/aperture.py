@@ -63,7 +63,7 @@ def aperture_sigma(stack: NDArray[Any], frame: Indices, middle: Indices) -> floa
         half = int(np.ceil(_GROWTH * half))
     if not seen.stands_out:
         return np.nan
-    sigma = seen.bin * moment_sigma(seen.signal, seen.noise, seen.core, max(seen.sigma, 0.3))
+    sigma = seen.bin * moment_sigma(seen.signal, seen.noise, seen.core, seen.sigma)
     return sigma if seen.bin * seen.off <= max(_FIRST, _OFF * sigma) else np.nan
 
 
@@ -108,9 +108,11 @@ class _Aperture:
         top = np.unravel_index(near.argmax(), near.shape)
         peak = float(near[top])
         _, groups = cv2.connectedComponents((near > peak / 2).astype(np.uint8), connectivity=4)
-        error = 1.25 * noise * np.sqrt(1.0 / ring.size + 1.0 / max(far.size, 1))
-        step_down = level - float(np.median(far)) if far.size else 0.0
-        darker = step_down > max(_LEAKS * peak, STANDS_OUT * error)
+        darker = False
+        if far.size:
+            error = 1.25 * noise * np.sqrt(1.0 / ring.size + 1.0 / far.size)
+            step_down = level - float(np.median(far))
+            darker = step_down > max(_LEAKS * peak, STANDS_OUT * error)
         core = (groups == groups[top]) & (near > peak / 2)
         return cls(
             signal.astype(np.float64), size, reach, noise, peak, float(away[top]), core, darker
