@@ -105,6 +105,18 @@ def test_both_places_beside_the_line_are_darker_than_half_of_the_top(beside, tol
     assert between(blocks(100.0, beside)[::-1]) == told
 
 
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+def test_a_centre_is_looked_at_where_it_is_as_far_as_means_reach(turns):
+    """A top of 8 x 8 pixels that ends a pixel before it; what lies beyond the border is that."""
+    signal = np.zeros((SIZE, SIZE))
+    signal[HALF : HALF + 8, HALF : HALF + 8] = 1000.0
+    x, y = 8.0, 8.0
+    for _ in range(turns):
+        signal, (x, y) = np.rot90(signal), (y, -x)
+    assert between(signal, (x, y)) and between(signal, (1.2 * x, 1.2 * y))
+    assert not between(signal, (0.7 * x, 0.7 * y))
+
+
 @pytest.mark.parametrize(("away", "told"), [((1.0, 1.0), False), ((2.0, 0.0), True)])
 def test_a_top_is_one_and_a_half_pixels_away(away, told):
     signal = np.zeros((SIZE, SIZE))

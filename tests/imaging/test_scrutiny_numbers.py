@@ -8,6 +8,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 import losbench as lb
+from losbench.imaging import scrutiny
 from losbench.imaging.neighbours import lopsided, turned
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Estimate, Windows
@@ -15,6 +16,7 @@ from losbench.imaging.scrutiny import (
     Looked,
     _beyond_shot_noise,
     _lines,
+    _rest,
     asks,
     filled,
     lone_pixels,
@@ -290,6 +292,50 @@ def test_only_the_worst_row_and_the_worst_column_of_a_window_are_taken():
 # A window that is looked into
 
 
+def test_pixels_without_any_noise_leave_nothing_over():
+    """Where there is neither floor nor light; it would be infinite."""
+    windows, fit = windows_of(np.full((15, 15), 3.0), floor=0.0), fit_of(sigma=0.3)
+    rest = _rest(windows, fit)[0]
+    assert rest[0, 0] == rest[14, 14] == rest[0, 14] == 0.0 and abs(rest[7, 7]) > 1.0
+    below = _rest(windows_of(np.full((15, 15), -3.0), floor=0.0), fit)[0]
+    assert below[0, 0] == below[14, 14] == below[0, 14] == 0.0
+
+
+def test_templates_of_a_close_look_are_as_near_as_a_twentieth_of_a_pixel(monkeypatch):
+    """4e-3 pixels squared, in 25 steps at most; the first of the width of the call."""
+    asked = []
+
+    def fitted(windows, **options):
+        asked.append(options)
+        return fit_template(windows, **options)
+
+    monkeypatch.setattr(scrutiny, "fit_template", fitted)
+    signal = noisy_window(2)
+    signal[9, 5] += 900.0
+    look_into(windows_of(signal))
+    near = {"tolerance": 4e-3, "max_iter": 25}
+    assert (
+        asked[0] == near and asked[1:] and all(each == near | {"free": True} for each in asked[1:])
+    )
+
+
+def test_a_window_is_looked_into_four_times_at_most(monkeypatch):
+    """Where each round finds a pixel more."""
+    rounds = []
+
+    def one_more(rest):
+        rounds.append(len(rest))
+        found = np.zeros(rest.shape, bool)
+        found[:, 3, 2 + 2 * len(rounds)] = True
+        return found
+
+    monkeypatch.setattr(scrutiny, "lone_pixels", one_more)
+    signal = light_of()
+    signal[12, 2:12:2] += 900.0
+    look_into(windows_of(signal))
+    assert rounds == [1] * 4
+
+
 def noisy_window(seed=0, sigma=2.0):
     return light_of(sigma) + np.random.default_rng(seed).normal(0.0, 3.0, (15, 15))
 
@@ -380,13 +426,14 @@ def test_a_template_that_leaves_three_tenths_tells_nothing_of_pixels(share, out)
     assert looked.n_bad.tolist() == [int(out)]
 
 
-def test_without_shot_noise_a_pixel_stands_out_by_the_gain_that_the_others_tell():
-    light, rng = light_of(), np.random.default_rng(6)
+@pytest.mark.parametrize("sigma", [0.8, 2.0])
+def test_without_shot_noise_a_pixel_stands_out_by_the_gain_that_the_others_tell(sigma):
+    light, rng = light_of(sigma), np.random.default_rng(6)
     per_dn = 0.7
     signal = light + rng.normal(0.0, np.sqrt(FLOOR + per_dn * light))
     kept = np.ones((1, 15, 15))
     kept[0, 7, 7] = 0.0
-    windows, fit = windows_of(signal), fit_of()
+    windows, fit = windows_of(signal), fit_of(sigma=sigma)
     square = (signal - light) ** 2
     told = ((square - FLOOR) * light * kept[0]).sum() / (light**2 * kept[0]).sum()
     variance = FLOOR + (0.03 * light) ** 2 + told * light
@@ -396,6 +443,9 @@ def test_without_shot_noise_a_pixel_stands_out_by_the_gain_that_the_others_tell(
         found = _beyond_shot_noise(replace(windows, signal=changed[None]), fit, kept)
         assert found[0, 7, 7] == out
         assert not np.delete(found.ravel(), 7 * 15 + 7).any()
+    dark = np.zeros((1, 15, 15))
+    found = _beyond_shot_noise(replace(windows, signal=dark), fit_of(sigma=sigma, flux=-1.0), kept)
+    assert not found.any()  # a template without light has no shot noise
 
 
 def test_pixels_that_shot_noise_explains_are_kept_where_nobody_knows_it():
@@ -437,6 +487,11 @@ def test_light_on_one_side_is_that_of_nine_pixels_beyond_5_5_errors(at):
     error = np.sqrt(2.0 * 100.0 / 9.0)
     for errors, told in ((5.4, False), (5.6, True)):
         assert is_lopsided(errors * error, at=at, floor=100.0) == told
+
+
+@pytest.mark.parametrize(("floor", "told"), [(0.01, True), (10.0, False)])
+def test_far_from_a_spot_there_is_no_shot_noise_of_it(floor, told):
+    assert is_lopsided(5.0, at=(7, 7), peak=100.0, floor=floor, per_dn=10.0) == told
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.019, False), (0.021, True)])
