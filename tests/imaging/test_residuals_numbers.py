@@ -81,6 +81,7 @@ def test_a_pixel_four_noises_off_is_no_noise(errors, told):
 def test_pixels_without_any_noise_are_borne():
     left = _Left.of(windows_of(floor=0.0, per_dn=0.0), fit_of(), first=True)
     assert all(np.isfinite(part).all() for part in (left.light, left.excess, left.weight))
+    assert 1e59 < left.weight.max() <= 0.5 * 1e60  # as if there were a variance of 1e-30
 
 
 # Rounds

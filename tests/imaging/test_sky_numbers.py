@@ -301,6 +301,14 @@ def test_a_pattern_is_found_on_a_slope():
     assert found.middle == (60.0, 75.0)
 
 
+def test_the_phases_of_a_pattern_add_up_to_nothing():
+    """Of noise that is skewed, whose medians do not."""
+    noise = np.random.default_rng(4).exponential(1.0, (60, 80))
+    y, x = np.mgrid[:60, :80]
+    found = Pattern.of(noise + 3.0 * (y % 2) + 1.0 * (x % 2), 1, noise.shape, 0.5)
+    assert found.phase.sum() == pytest.approx(0.0, abs=1e-12) and np.ptp(found.phase) > 3.0
+
+
 def test_a_pattern_below_the_least_is_none():
     y, x = np.mgrid[:40, :50]
     phase = 0.5 * np.where((y + x) % 2, 1.0, -1.0)
