@@ -286,11 +286,13 @@ def test_lags_that_add_no_direction_have_no_f_test():
     assert one_left.f_p_value == pytest.approx(expected, rel=1e-7)
 
 
-@pytest.mark.parametrize(("apart", "told"), [(1e-5, True), (1e-7, False)])
+@pytest.mark.parametrize(
+    ("apart", "told"), [(1e-5, True), (3e-6, True), (1.5e-6, False), (1e-7, False)]
+)
 def test_a_lag_is_another_direction_from_a_millionth_on(apart, told):
-    """Unit columns whose angle is the root of the least eigenvalue that counts."""
+    """Unit columns at an angle a have eigenvalues of 2 and a^2 / 2: a limit of two millionths."""
     rng = np.random.default_rng(11)
-    law, other = rng.standard_normal((2, 50, 1))
+    law, other = np.linalg.qr(rng.standard_normal((50, 2)))[0].T[..., None]
     y = rng.standard_normal(50)
     more = law + apart * other
     found = lack_of_fit(law, more, y, np.arange(50.0), Noise()).f_p_value

@@ -325,6 +325,23 @@ def test_frames_with_errors_of_their_own_are_solved_as_if_alone(frames, exact):
         np.testing.assert_allclose(together.cov[k], alone.cov, rtol=1e-6)
 
 
+@pytest.mark.parametrize("frames", [1, 2, 3])
+@pytest.mark.parametrize("lost", [0, 3])
+def test_frames_with_errors_of_their_own_may_lack_a_spot(frames, lost):
+    rng = np.random.default_rng(8)
+    shifts = displaced(1e-3 * rng.standard_normal((frames, 3))) + rng.standard_normal(
+        (frames, 4, 2)
+    )
+    sigma = rng.uniform(0.5, 2.0, shifts.shape)
+    shifts[-1, lost] = np.nan
+    kept = np.delete(np.arange(4), lost)
+    together = lb.solve_attitude(WIDE, shifts, sigma=sigma, solver="ls")
+    alone = lb.solve_attitude(WIDE[kept], shifts[-1, kept], sigma=sigma[-1, kept], solver="ls")
+    np.testing.assert_allclose(together.angles[-1], alone.angles, rtol=1e-7)
+    np.testing.assert_allclose(together.cov[-1], alone.cov, rtol=1e-7)
+    np.testing.assert_allclose(together.residuals[-1, kept], alone.residuals, atol=1e-9)
+
+
 @pytest.mark.parametrize("lost", [(0, 0), (0, 1)])
 def test_a_spot_with_one_coordinate_is_missing(lost):
     rng = np.random.default_rng(4)

@@ -233,3 +233,14 @@ def test_when_a_record_begins_makes_no_difference(origin_s):
     np.testing.assert_allclose(two.interval, one.interval, rtol=1e-6)
     np.testing.assert_allclose(two.tau_interval_s, one.tau_interval_s, rtol=1e-6)
     assert two.lack_of_fit[0].f_p_value == pytest.approx(one.lack_of_fit[0].f_p_value, rel=1e-6)
+
+
+@pytest.mark.parametrize("apart", [1e-3, 2e-6])
+@pytest.mark.parametrize("noise", [Noise(), Noise(1e-3, 1.0)])
+def test_columns_that_are_nearly_parallel_have_the_errors_that_they_have(apart, noise):
+    """Down to 1e-13 in the squares; the second noise is white at any step."""
+    rng, t = np.random.default_rng(10), np.arange(60.0)
+    one, other = np.linalg.qr(rng.standard_normal((60, 2)))[0].T
+    columns, y = np.column_stack([one, one + apart * other]), rng.standard_normal(60)
+    found, expected = generalised(columns, y, t, noise, freedom=False), lb.lstsq(columns, y)
+    np.testing.assert_allclose(found.sigma, expected.std_error, rtol=0.01)
