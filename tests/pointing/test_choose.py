@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.pointing.thermal.choose import _Search
 from losbench.pointing.thermal.folds import read_folds, sigma_about_zero
 from losbench.pointing.thermal.terms import Fourier, Lagged, Linear, Offset, Steps, Trend
 
@@ -149,3 +150,85 @@ def test_a_choice_takes_what_is_there_and_nothing_else():
 def test_bad_input_to_a_cross_validation_is_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+# Steps of the choice
+
+
+def search_of(columns, y, folds, *, solver=None, least_gain=0.02, at_most=8):
+    n = len(y)
+    solver = lb.IRLS() if solver is None else solver
+    return _Search(columns, y, np.arange(n) * folds // n, solver, least_gain, at_most)
+
+
+@pytest.mark.parametrize("apart", [1.0, 1e-4, 3e-6])
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_candidates_are_ranked_by_weighted_least_squares_beside_the_model(apart, unit):
+    """Under the weights of the model alone; of two columns a candidate may need the difference."""
+    rng = np.random.default_rng(1)
+    one, two, other = rng.standard_normal((3, 90))
+    columns = {
+        "start": np.column_stack([np.ones(90), 3.0 + rng.standard_normal(90)]),
+        "pair": unit * np.column_stack([one, one + apart * two]),
+        "other": other[:, None],
+    }
+    y = two + 0.1 * rng.standard_t(2, 90)
+    search = search_of(columns, y, 3)
+    kept = frozenset({0, 2})
+    rows = np.isin(search.fold, [0, 2])
+    weights = lb.irls(columns["start"][rows], y[rows]).weights
+    assert (weights < 1.0).any()
+    root = np.sqrt(weights)[:, None]
+    for name in ("pair", "other"):
+        both = np.column_stack([columns["start"], columns[name]])
+        size = np.linalg.norm(both[rows] * root, axis=0)
+        x = np.linalg.lstsq(both[rows] * root / size, y[rows] * root[:, 0])[0] / size
+        ours = np.concatenate(search._beside(("start",), kept)[name])
+        np.testing.assert_allclose(both @ ours, both @ x, atol=1e-3)
+    ranked = search._ranked(["start"], [0, 1, 2])
+    assert list(ranked) == ["pair", "other"] and ranked["pair"] < ranked["other"]
+    errors = np.full(90, np.nan)
+    for fold in (0, 1, 2):
+        test = search.fold == fold
+        x, gain = search._beside(("start",), frozenset({0, 1, 2}) - {fold})["other"]
+        errors[test] = y[test] - columns["start"][test] @ x - columns["other"][test] @ gain
+    assert ranked["other"] == sigma_about_zero(errors[:, None])[0]
+
+
+@pytest.mark.parametrize(("apart", "new"), [(0.0, False), (1e-12, False), (3e-9, True)])
+def test_a_candidate_that_the_model_holds_already_adds_nothing(apart, new):
+    rng = np.random.default_rng(2)
+    first, second = rng.standard_normal((2, 60))
+    columns = {
+        "start": np.column_stack([np.ones(60), first]),
+        "again": (2.0 * first - 1.0 + apart * second)[:, None],
+        "none": np.zeros((60, 1)),
+    }
+    y = first + 0.5 * second + 0.1 * rng.standard_normal(60)
+    search = search_of(columns, y, 4)
+    alone = search._sigma(search.errors(["start"], [0, 1, 2, 3], [0, 1, 2, 3]))
+    again, none = search._ranked(["start"], [0, 1, 2, 3]).values()
+    assert none == pytest.approx(alone, rel=1e-6)
+    if new:
+        assert again < 0.5 * alone
+    else:
+        assert again == pytest.approx(alone, rel=1e-6)
+
+
+@pytest.mark.parametrize(("least_gain", "taken"), [(0.0, 2), (0.5, 1)])
+def test_errors_of_a_choice_are_those_of_folds_left_out(least_gain, taken):
+    rng = np.random.default_rng(3)
+    a, b = rng.standard_normal((2, 80))
+    columns = {"start": np.ones((80, 1)), "a": a[:, None], "b": b[:, None]}
+    y = a + 0.3 * b + 0.25 * rng.standard_normal(80)
+    search = search_of(columns, y, 4, solver=lb.LeastSquares(), least_gain=least_gain)
+    path = search.forward([0, 1, 3])
+    assert [name for name, _ in path][:2] == ["start", "a"] and len(path) == 1 + taken
+    errors = search.errors(["start", "a"], [1], [0, 1, 3])
+    train, test = np.isin(search.fold, [0, 3]), search.fold == 1
+    matrix = np.column_stack([np.ones(80), a])
+    x = lb.lstsq(matrix[train], y[train]).x
+    np.testing.assert_allclose(errors[test], (y - matrix @ x)[test], atol=1e-12)
+    assert np.isnan(errors[~test]).all()
+    one = search_of(columns, y, 4, least_gain=0.0, at_most=1).forward([0, 1, 2, 3])
+    assert len(one) == 2

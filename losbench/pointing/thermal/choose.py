@@ -20,6 +20,8 @@ from losbench.units import rad_to_arcsec
 
 __all__ = ["Choice", "choose"]
 
+_NEW = 1e-10  # of a column, beside the model: less is rounding, and explains nothing
+
 
 @dataclass(frozen=True, repr=False)
 class Choice:
@@ -242,6 +244,7 @@ class _Search:
             shared = q.T @ new
             size = np.maximum(np.linalg.norm(new, axis=0), 1e-300)
             own = (new - q @ shared) / size
+            own[:, np.linalg.norm(own, axis=0) < _NEW] = 0.0
             gain = np.linalg.lstsq(own.T @ own, own.T @ y, rcond=1e-12)[0] / size
             found[name] = np.linalg.lstsq(r, plain - shared @ gain, rcond=1e-12)[0], gain
         self.solved[taken, folds] = found
