@@ -50,7 +50,7 @@ def weights(
     """
     theta = np.pi * frequency_Hz * step_s
     sine = np.sin(theta)
-    inner = (np.abs(samples * theta) > _NEAR_ZERO) & (np.abs(sine) > 1e-12)
+    inner = samples * theta > _NEAR_ZERO
     safe = np.where(inner, sine, 1.0)
     mean = np.where(inner, np.sin(samples * theta) / (samples * safe), 1.0) ** 2
     odd = 0.5 * (samples * np.cos(samples * theta) * safe - np.sin(samples * theta) * np.cos(theta))
