@@ -10,13 +10,16 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
+import pickle
 import threading
 import time
+import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field
+from functools import cache, cached_property, lru_cache
+from hashlib import sha256
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -28,6 +31,7 @@ Result = TypeVar("Result")
 Job = tuple[Any, ...]
 _TRIP_S, _MOST = 0.25, 64  # a task of several chunks takes no longer, and holds no more
 _PLACE = "_losbench_place"
+_LARGE = 2**14  # bytes of pickled work that are packed once, not for every task
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's mallopt
 
 
@@ -140,6 +144,23 @@ class _Elsewhere:
         _settle_in()
         return self.work(*job)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self._packed is None:
+            return _Elsewhere, (self.work,)
+        return _unpacked, (self._packed,)
+
+    @cached_property
+    def _packed(self) -> _Packed | None:
+        """Large work, as every task takes it along; None where whoever sends it must pickle it."""
+        try:
+            pickled = pickle.dumps(self.work, pickle.HIGHEST_PROTOCOL)
+        except Exception:  # a cluster's own pickle may know how
+            return None
+        # Of what is defined in a notebook this holds the name alone.
+        if len(pickled) < _LARGE or b"__main__" in pickled:
+            return None
+        return _Packed(sha256(pickled).digest(), zlib.compress(pickled, 1))
+
     def each(self, jobs: list[Job]) -> tuple[list[Any], float]:
         """What comes of some jobs, and how many seconds they took."""
         _settle_in()
@@ -151,6 +172,20 @@ class _Elsewhere:
                 vars(error)[_PLACE] = place  # which travels with it, as its notes would not
                 raise
         return results, time.perf_counter() - begun
+
+
+@dataclass(frozen=True)
+class _Packed:
+    """Work that was pickled, by its digest."""
+
+    digest: bytes
+    data: bytes = field(compare=False, repr=False)
+
+
+@lru_cache(maxsize=2)
+def _unpacked(packed: _Packed) -> _Elsewhere:
+    """Return work as it was when a task of it came to this process before, or unpack it."""
+    return _Elsewhere(pickle.loads(zlib.decompress(packed.data)))
 
 
 @cache

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import textwrap
 import time
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 from unittest.mock import MagicMock
 
@@ -97,6 +99,59 @@ def test_short_jobs_travel_together_and_long_ones_alone():
     sizes.clear()
     list(spread(time.sleep, [(0.26,)] * 20, executor=Counting(), named=named))
     assert sizes == [1] * 20
+
+
+class Numbers(list):
+    """Tells each unpickling from the one before."""
+
+    def __reduce__(self):
+        return counted, (list(self),)
+
+
+def counted(numbers):
+    counted.times += 1
+    return Numbers(numbers)
+
+
+counted.times = 0
+
+
+def place_in(numbers, k):
+    return numbers[k], counted.times
+
+
+def test_large_work_is_packed_once_and_unpacked_once_by_each_worker():
+    context = multiprocessing.get_context("spawn")
+    sizes = []
+    with ProcessPoolExecutor(1, mp_context=context) as pool:
+        for count in (3, 100_000, 200_000):
+            work = partial(place_in, Numbers(range(count)))
+            elsewhere = spread_module._Elsewhere(work)
+            sizes.append(len(pickle.dumps(elsewhere.each)))
+            for times in range(3):  # tasks
+                (found, unpacked), *_ = pool.submit(elsewhere.each, [(2,)]).result()[0]
+                assert found == 2
+                if count == 3:
+                    few = unpacked
+                    assert unpacked == times + 1
+                else:
+                    assert unpacked == few + (1 if count == 100_000 else 2)
+    assert sizes[0] < 500 and sizes[1] < 0.7 * len(pickle.dumps(list(range(100_000))))
+
+
+@pytest.mark.parametrize(("length", "packed"), [(2**14 - 200, False), (2**14 + 1, True)])
+def test_small_work_travels_as_it_is(length, packed):
+    elsewhere = spread_module._Elsewhere(partial(bytes.startswith, b"x" * length))
+    assert (elsewhere._packed is not None) == packed
+    again = pickle.loads(pickle.dumps(elsewhere))
+    assert again(b"x") and not again(b"y")
+
+
+@pytest.mark.parametrize("name", ["__main__", "lambda"])
+def test_what_only_a_cluster_can_pickle_is_left_to_it(name):
+    """It takes along what is defined in a notebook, of which pickle knows the name alone."""
+    work = partial(print, "__main__" * 9000) if name == "__main__" else lambda: "x" * 9**5
+    assert spread_module._Elsewhere(work)._packed is None
 
 
 def late(x):

@@ -48,6 +48,10 @@ class Job:
         most = max(each.dtype.itemsize * int(np.prod(each.shape)) for each in frames)
         return min(_BLOCK, max(1, _BLOCK_BYTES // most))
 
+    def for_workers(self) -> Job:
+        """Return it without what measuring asks nothing of, to be sent."""
+        return replace(self, recording=replace(self.recording, times=None, notes=()))
+
     def __call__(self, first: int, last: int) -> Track:
         """Measure frames ``first`` to ``last`` (excluded), in pixels of the detector."""
         tracks = []
@@ -81,9 +85,8 @@ def tracked(job: Job, run: Run) -> Track:
         done = {first: track for first, track in _kept(parts, chunks) if track is not None}
         bar.update(sum(len(track.xy) for track in done.values()))
         missing = [each for each in chunks if each[0] not in done]
-        results = spread(
-            partial(with_effort, job), missing, executor=run.executor, named=_frames_named
-        )
+        work = partial(with_effort, job.for_workers())
+        results = spread(work, missing, executor=run.executor, named=_frames_named)
         spent = Effort(0, 0)
         try:
             for (first, last), (track, effort) in zip(missing, results, strict=True):

@@ -1,11 +1,15 @@
 """Pages of a TIFF that are not plain: packed bits, strips at their limits, what is no page."""
 
+import pickle
+from pathlib import Path
+
 import files_of_frames as write
 import numpy as np
 import pytest
+import tifffile
 
 import losbench as lb
-from losbench.recording.frames.tiff import _directories, facts
+from losbench.recording.frames.tiff import Pages, _directories, facts
 
 RNG = np.random.default_rng(29)
 
@@ -120,3 +124,34 @@ def test_what_has_no_directory_is_no_tiff(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(lb.UnreadableFrame, match="a.tif cannot be read: not a TIFF, or cut short"):
         lb.open_frames(path)
+
+
+@pytest.mark.parametrize("wander", [0, 900])
+def test_pages_at_one_distance_pickle_to_a_few_bytes_and_all_are_as_they_were(wander):
+    places = 8 + 4_147_392 * np.arange(100_000) + RNG.integers(0, wander + 1, 100_000)
+    pages = Pages(Path("a.tif"), places, white_is_zero=False)
+    pickled = pickle.dumps(pages)
+    again = pickle.loads(pickled)
+    assert (again.path, again.white_is_zero) == (pages.path, False)
+    assert again.offsets.dtype == places.dtype
+    np.testing.assert_array_equal(again.offsets, places)
+    assert len(pickled) < (5000 if not wander else places.nbytes / 2)
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_directories_of_unlike_lengths_are_followed(tmp_path, big):
+    """Short, long, too long to be read at once, and short again."""
+    with tifffile.TiffWriter(tmp_path / "a.tif", bigtiff=big) as file:
+        for more in (0, 40, 400, 3, 0, 0):
+            extra = [(65000 + k, "H", 1, k, True) for k in range(more)]
+            file.write(
+                np.full((4, 5), more, np.uint16),
+                extratags=extra,
+                contiguous=False,
+                metadata=None,
+                photometric="minisblack",
+            )
+    chain = _directories(tmp_path / "a.tif")
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        assert chain.places.tolist() == [page.offset for page in file.pages]
+    assert chain.whole and not chain.reduced

@@ -4,6 +4,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 import losbench as lb
 from losbench import parts as parts_module
 from losbench.cli import main
+from losbench.recording.work import Job
 
 SHAPE, N, JUMP, LOST = (64, 120), 150, 70, slice(100, 110)
 DETECTOR = lb.Detector(gain_e_per_dn=2.0, read_noise_e=5.0, offset_dn=100.0)
@@ -113,6 +115,19 @@ def test_the_table_does_not_know_a_cluster_one_of_whose_workers_is_killed(stack,
         executor.submit(os.kill, victim, 0).result()
         os.kill(victim, signal.SIGKILL)
         assert sha(measured(stack, executor=executor, chunk=32)) == alone
+
+
+def test_what_is_sent_to_workers_holds_no_times_and_measures_the_same(stack):
+    clock = lb.FrameTimes(np.arange(float(N)))
+    recording = lb.read_recording(stack, detector=DETECTOR, times=clock)
+    surveys = lb.measure(recording, spots=[[30, 30], [90, 33]]).surveys
+    job = Job(recording, surveys, lb.Ring())
+    sent = job.for_workers()
+    assert sent.recording.times is None and job.recording.times is clock
+    assert len(pickle.dumps(sent)) < len(pickle.dumps(job)) - 8 * N
+    some, same = job(60, 80), pickle.loads(pickle.dumps(sent))(60, 80)
+    for name in ("xy", "sigma", "flags"):
+        np.testing.assert_array_equal(getattr(same, name), getattr(some, name))
 
 
 def test_a_run_goes_on_with_the_parts_that_stand_whole(stack, alone, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import struct
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -41,6 +42,7 @@ _COUNTS = (_MINISWHITE, 1, 2, 32803, 34892)  # black as zero, RGB, a Bayer patte
 _JPEG = (6, 7)
 _PACKED = (10, 12, 14)  # bits that are unpacked here
 _HEAD_BYTES = 8  # of a classic TIFF
+_DIRECTORY_BYTES = 2**12  # that are read at once
 _REDUCED = 1  # in tag 254, a smaller copy of another page
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # faults come as errors
@@ -53,6 +55,11 @@ class Pages:
     path: Path
     offsets: Ints
     white_is_zero: bool | None = None  # what the first page says, if it can be read
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Where pages lie at one distance from each other that says all of them in a few bytes.
+        steps = zlib.compress(np.diff(self.offsets, prepend=0).tobytes(), 1)
+        return _pages, (self.path, steps, self.white_is_zero)
 
     @property
     def n_frames(self) -> int:
@@ -91,6 +98,12 @@ class Pages:
         return f"page {k} of {self.path.name}"
 
 
+def _pages(path: Path, steps: bytes, white_is_zero: bool | None) -> Pages:
+    """Return pages as they were pickled."""
+    between = np.frombuffer(zlib.decompress(steps), np.int64)
+    return Pages(path, np.cumsum(between), white_is_zero)
+
+
 def open_tiff(path: Path, *, skip: bool) -> Found:
     """Return the pages of a TIFF, or the frames of its only page."""
     with decoding(path.name):
@@ -98,7 +111,7 @@ def open_tiff(path: Path, *, skip: bool) -> Found:
     directories = chain.places
     if not len(directories):
         raise UnreadableFrame(f"{path.name} cannot be read: not a TIFF, or cut short")
-    bits, white, notes = facts(path)
+    bits, white, notes = facts(path, int(directories[0]))
     source: Source = Pages(path, directories, white)
     said: tuple[str, ...] = ()
     if not chain.whole:
@@ -113,15 +126,15 @@ def open_tiff(path: Path, *, skip: bool) -> Found:
     return Found(name=path.name, source=source, bits=bits, notes=(*said, *notes))
 
 
-def facts(path: Path) -> tuple[int | None, bool | None, tuple[str, ...]]:
+def facts(path: Path, at: int | None = None) -> tuple[int | None, bool | None, tuple[str, ...]]:
     """Bits of the numbers, where they are no whole bytes, whether zero is white, and what is to be
-    said of the first page.
+    said of the first page, whose directory lies at byte ``at``, or is looked for.
 
     Whether that page can be read is for whoever reads it.
     """
     try:
         with decoding(path.name):
-            page = _page(path, int(_directories(path).places[0]), 0)
+            page = _page(path, int(_directories(path).places[0]) if at is None else at, 0)
             bits = page.bitspersample if page.bitspersample % 8 else None
             turned = f"In {path.name} zero is white: its numbers are turned."
             white = page.photometric == _MINISWHITE if 262 in page.tags else None
@@ -171,24 +184,30 @@ def _directories(path: Path) -> Chain:
             return Chain(np.empty(0, np.int64), whole=True)
         skipped, offset, count, entry = _KINDS[magic]
         file.seek(4 + skipped)
+        # Number of entries, then the first of them up to its value; what follows ends it all.
+        begin, end = struct.Struct(f"{order}{count}HH{offset}"), struct.Struct(order + offset)
+        least, fixed = begin.size + 4, struct.calcsize(count) + end.size
         pages: list[int] = []
         seen: dict[int, None] = {}
-        whole, at = True, _number(file, order + offset)
+        whole, at, length = True, _number(file, order + offset), least
         while at and at not in seen:
-            file.seek(at) if at < size else file.seek(size)
-            n = _number(file, order + count)
-            end = at + struct.calcsize(count) + n * entry + struct.calcsize(offset)
-            if end > size:
+            file.seek(min(at, size))
+            head = file.read(length).ljust(least, b"\0")
+            n, tag, kind, _ = begin.unpack_from(head)
+            needed = fixed + n * entry
+            if at + needed > size:
                 whole = False
                 break
-            first = struct.unpack(f"{order}HH", file.read(4)) if n else (0, 0)
-            file.seek(struct.calcsize(offset) if n else 0, 1)
-            subfile = _number(file, f"{order}{'H' if first[1] == 3 else 'I'}") if n else 0
-            if first[0] != 254 or not subfile & _REDUCED:
+            value = struct.unpack_from(f"{order}{'H' if kind == 3 else 'I'}", head, begin.size)[0]
+            if not n or tag != 254 or not value & _REDUCED:
                 pages.append(at)
             seen[at] = None
-            file.seek(at + struct.calcsize(count) + n * entry)
-            at = _number(file, order + offset)
+            if needed > len(head):  # the next ones will be as long
+                file.seek(at + needed - end.size)
+                head, length = file.read(end.size), min(needed, _DIRECTORY_BYTES)
+                at = end.unpack(head)[0]
+            else:
+                at = end.unpack_from(head, needed - end.size)[0]
     places = np.array(pages or list(seen), np.int64)
     return Chain(places, whole, len(seen) - len(places))
 
