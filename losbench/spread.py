@@ -22,6 +22,7 @@ from functools import cache, cached_property, lru_cache
 from hashlib import sha256
 from itertools import islice
 from typing import Any, TypeVar
+from uuid import uuid4
 
 __all__ = ["IN_FLIGHT", "spread"]
 
@@ -148,6 +149,14 @@ class _Elsewhere:
         if self._packed is None:
             return _Elsewhere, (self.work,)
         return _unpacked, (self._packed,)
+
+    def __dask_tokenize__(self) -> str:
+        """Return a name of its own: Dask would look through all that work holds, for every task."""
+        return self._name
+
+    @cached_property
+    def _name(self) -> str:
+        return uuid4().hex
 
     @cached_property
     def _packed(self) -> _Packed | None:

@@ -147,6 +147,17 @@ def test_small_work_travels_as_it_is(length, packed):
     assert again(b"x") and not again(b"y")
 
 
+def test_dask_names_tasks_without_a_look_at_what_work_holds():
+    tokenize = pytest.importorskip("dask.tokenize", reason="dask is missing").tokenize
+
+    class Closed:
+        def __dask_tokenize__(self):
+            raise AssertionError("looked at")
+
+    one, other = (spread_module._Elsewhere(partial(print, Closed())) for _ in range(2))
+    assert tokenize(one.each) == tokenize(one.each) != tokenize(other.each)
+
+
 @pytest.mark.parametrize("name", ["__main__", "lambda"])
 def test_what_only_a_cluster_can_pickle_is_left_to_it(name):
     """It takes along what is defined in a notebook, of which pickle knows the name alone."""
