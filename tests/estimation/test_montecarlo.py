@@ -115,7 +115,7 @@ def test_a_dask_client_gives_the_same_bits():
         "distributed", reason="distributed is missing: pip install losbench[cluster]"
     )
     with distributed.Client(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0"
     ) as client:
         together = lb.monte_carlo(throw, 700, seed=3, chunk=300, executor=client.get_executor())
     alone = lb.monte_carlo(throw, 700, seed=3, chunk=300)

@@ -107,7 +107,7 @@ def test_the_table_does_not_know_a_cluster_one_of_whose_workers_is_killed(stack,
         "distributed", reason="distributed is missing: pip install losbench[cluster]"
     )
     cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
     )
     with cluster, distributed.Client(cluster) as client:
         victim = next(iter(client.run(os.getpid).values()))
