@@ -16,7 +16,7 @@ __all__ = ["PointFit", "fit_point", "profile"]
 
 _GRID = 12  # lags tried for each sensor
 _SWEEPS = 2
-_ROUNDS, _STEPS = 12, 8
+_ROUNDS, _STEPS = 50, 8
 _LONGEST_STEP = 0.7  # in the logarithm of a lag
 _SETTLED = 1e-6
 _SHORTEST = 0.1  # median steps, of the lags tried
