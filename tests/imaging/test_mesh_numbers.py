@@ -105,3 +105,50 @@ def test_where_spots_are_most_of_what_is_left_the_lower_ranks_tell():
         np.testing.assert_allclose(np.ravel(found), low if ratio > 1.5 else wide, rtol=1e-6)
     assert min(ratios) < 1.1 and max(ratios) > 2.5
     assert any(1.4 < ratio < 1.5 for ratio in ratios) and any(1.5 < r < 1.6 for r in ratios)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_tiles_beside_a_big_object_are_those_of_the_surface_and_no_others(turned):
+    """By their noise, that of the others: a median of three tiles keeps two that are alike."""
+    noise = np.tile([1.0, 1.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 1.0, 1.0, 1.0], (12, 1))
+    level = np.zeros((12, 12))
+    level[:, 5] = 60.0
+    if turned:
+        noise, level = noise.T, level.T
+    smooth, found = _smooth_tiles(level, noise)
+    expected = np.tile([1.0, 1.0, 3.0, 3.0, 1.0, 1.0, 1.0, 3.0, 3.0, 1.0, 1.0, 1.0], (12, 1))
+    np.testing.assert_array_equal(found, expected.T if turned else expected)
+    np.testing.assert_allclose(smooth, 0.0, atol=1e-9)
+
+
+def test_tiles_that_tell_nothing_have_level_and_noise_of_the_frame(monkeypatch):
+    asked = []
+
+    def told(*given, **options):
+        asked.append((options, level_and_noise(*given, **options)))
+        return asked[-1][1]
+
+    monkeypatch.setattr("losbench.imaging.mesh.level_and_noise", told)
+    frame = np.random.default_rng(5).normal(50.0, 3.0, (300, 300))
+    frame[:, :150] += 20.0
+    mesh(frame, 0.0, 3.0, 0.1)
+    (first, (level, noise)), (second, _) = asked[:2]
+    assert not first and second == {"unknown": (float(level[0]), float(noise[0]))}
+    assert level[0] > 40.0 > 20.0 > noise[0]
+
+
+@pytest.mark.parametrize(
+    ("noise", "digit", "least"), [(3.0, 0.0, 1.5), (3.0, 1.0, 1.5), (3.0, 2.0, 2.0)]
+)
+def test_a_pattern_is_at_least_half_of_the_noise_and_a_step(monkeypatch, noise, digit, least):
+    asked = []
+
+    def of(sample, step, shape, least):
+        asked.append((step, shape, least))
+        return Pattern(np.zeros((2, 2)), np.zeros(2), (0.0, 0.0))
+
+    monkeypatch.setattr("losbench.imaging.mesh.Pattern.of", of)
+    for size, step in ((255, 3), (256, 5)):
+        frame = np.random.default_rng(6).normal(50.0, 3.0, (size, 300)).round()
+        mesh(frame, digit, noise, 0.1)
+        assert asked.pop() == (step, (size, 300), least)

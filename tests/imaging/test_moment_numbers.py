@@ -282,6 +282,7 @@ def test_pixels_around_a_spot_are_the_mean_of_sixteen_frames():
     stack = RNG.normal(50.0, 3.0, (40, 60, 70))
     stack[:, 20, 31] = np.nan
     stack[3:, 22, 31] = np.nan
+    stack[2:, 24, 31] = np.nan  # one of the sixteen frames shows it
     frame = np.arange(40)
     middle = np.tile([30, 20], (40, 1))
     pixels, away = _around(stack, frame, middle, 8, 1)

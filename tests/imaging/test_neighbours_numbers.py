@@ -208,8 +208,9 @@ def test_the_middle_of_a_sharp_spot_is_smaller_than_its_window(sigma, told):
     stamp = spot(sigma=sigma, peak=1e4)
     stamp[HALF - 1 : HALF + 2, HALF + 1 : HALF + 4] += 1500.0
     kept = np.ones((1, SIZE, SIZE))
-    found = one_sided(stamp[None], kept, noise_of(1.0), np.zeros((1, 2)), 17, of_peak=0.1)
-    assert found.tolist() == [told]
+    for unit in (1.0, 1e-6):
+        given = unit * stamp[None], kept, noise_of(unit**2)
+        assert one_sided(*given, np.zeros((1, 2)), 17, of_peak=0.1).tolist() == [told]
 
 
 def test_one_pixel_may_hold_all_of_what_no_template_has_a_top_for():

@@ -1,13 +1,17 @@
 """Whose width counts, how many windows are fitted, and how much of one may be unread."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.imaging import template, widths
+from losbench.imaging.groups import grouped
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Windows
 from losbench.imaging.template import TemplateFit
-from losbench.imaging.widths import SpotFits, _chosen, _weighted_median
+from losbench.imaging.widths import SpotFits, _chosen, _weighted_median, spot_fits
 
 RNG = np.random.default_rng(71)
 
@@ -127,3 +131,25 @@ def test_more_than_one_in_twenty_saturated_spots_are_fitted_with_free_widths(ful
         image, xy.reshape(-1, 2), method=lb.AutoCentroid(window=13), full_scale_dn=3000.0
     )
     assert type(found.method) is method, found.reason
+
+
+def test_windows_are_fitted_from_a_third_of_their_side_at_most_and_a_sixth_wide(monkeypatch):
+    """In twelve steps to 1e-5 pixels squared, wherever a first centroid may lie."""
+    asked = []
+
+    def fitted(windows, **options):
+        asked.append((windows, options))
+        return template.fit_template(windows, **options)
+
+    monkeypatch.setattr(widths, "fit_template", fitted)
+    monkeypatch.setattr(
+        widths, "grey", lambda signal, *_: SimpleNamespace(centroid=np.array([[9.0, -9.0]]))
+    )
+    frame = lb.render_spots([[30.0, 30.0]], 1e4, 1.5, (60, 60))[None] + 10.0
+    places = np.array([[[30.0, 30.0]]])
+    (group,) = grouped(frame, places, np.array([15]), lb.Weighted(), lb.Ring(), None, None)
+    spot_fits(group, frame)
+    ((windows, options),) = asked
+    assert windows.start.tolist() == [[5.0, -5.0]] and windows.leave == 5.0
+    assert (windows.width == 2.5).all() and windows.side == 15
+    assert options == {"free": True, "tolerance": 1e-5, "max_iter": 12}
