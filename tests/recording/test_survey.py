@@ -141,6 +141,22 @@ def test_what_is_not_said_is_chosen_by_what_the_spots_look_like_and_told():
     assert not any("Centroids by" in note for note in told.notes)
 
 
+def test_a_ring_that_drifts_is_measured_by_its_own_shape():
+    """Every frame starts on the brightest pixel, which lies anywhere on the ring."""
+    rng = np.random.default_rng(3)
+    fine = (np.arange(5 * 61) + 0.5) / 5 - 0.5
+    truth = 27 + np.linspace(0, 5, 100)[:, None] * [1.0, 0.4] + rng.normal(0.0, 0.05, (100, 2))
+    r = np.hypot(fine - truth[:, :1, None], fine[:, None] - truth[:, 1:, None])
+    ring = 5e3 * np.exp(-0.5 * ((r - 5.0) / 0.8) ** 2)
+    light = ring.reshape(100, 61, 5, 61, 5).mean(axis=(2, 4)) + 100.0
+    recording = lb.read_recording(SENSOR.expose(light, rng), detector=SENSOR)
+    measured = lb.measure(recording, spots=[[27, 27]], centroid="empirical")
+    error = measured.xy_px[:, 0] - truth
+    pulls = (error - error.mean(axis=0)) / measured.sigma_xy_px[:, 0]
+    assert pulls.std() == pytest.approx(1.0, abs=0.15) and np.abs(pulls).max() < 5.0
+    assert not measured.flags.any()
+
+
 def test_a_shape_is_made_of_the_frames_that_are_looked_at_and_states_its_scatter():
     recording, truth = drifting(200)
     measured = lb.measure(recording, spots=SPOTS, centroid="empirical")
