@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from losbench.imaging import shapefit
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Windows
 from losbench.imaging.shapefit import _chosen, _Normal, _Seen, _typical
@@ -143,3 +144,50 @@ def test_typical_windows_have_the_median_light_and_noise():
         share = 1.0 if kept is None else kept.mean(axis=0)
         np.testing.assert_allclose(found.weight, share / variance)
         assert replace(found.windows.noise, plane=None).floor.tolist() == [16.0, 16.0]
+
+
+# Windows that are not like the others
+
+
+class Numbered:
+    """Windows that are known by their numbers."""
+
+    def __init__(self, numbers):
+        self.numbers = np.asarray(numbers)
+
+    def of(self, some):
+        return Numbered(self.numbers[some])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "made_of"),
+    [
+        ([], None, range(9)),  # all are alike
+        ([8], [8], range(8)),
+        ([8], [0, 8], range(1, 8)),  # those that are like the half decide
+        ([8], range(5, 9), range(5)),
+        ([8], range(4, 9), range(9)),  # less than half of them: all make it
+        ([0], [], range(9)),
+    ],
+)
+def test_a_shape_is_made_by_those_that_are_like_the_half_that_fits_best(
+    monkeypatch, first, second, made_of
+):
+    left, fitted = np.array([9.0, 1, 8, 2, 7, 3, 6, 4, 5]), []
+
+    def judged(shape, windows):
+        others = first if len(fitted) == 1 else second
+        assert windows.numbers.tolist() == list(range(9)) and shape is fitted[-1]
+        return np.isin(np.arange(9), list(others)), left
+
+    def fit(windows):
+        fitted.append(windows.numbers.tolist())
+        return fitted[-1]
+
+    monkeypatch.setattr(shapefit, "_judged", judged)
+    monkeypatch.setattr(shapefit, "_fitted", fit)
+    assert shapefit.fit_shape(Numbered(range(9))) == list(made_of)
+    # Five of nine are half of them, in their order.
+    assert fitted[0] == list(range(9)) and fitted[1:2] == (
+        [] if second is None else [[1, 3, 5, 7, 8]]
+    )
