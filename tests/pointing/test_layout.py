@@ -183,6 +183,10 @@ def test_directions_cover_half_a_sphere_evenly():
     sphere = room._half_sphere.__wrapped__(400)
     np.testing.assert_allclose(np.linalg.norm(sphere, axis=1), 1.0)
     assert (sphere[:, 2] > 0).all()
+    # Heights in equal steps, and each a golden share of a turn from the one before.
+    np.testing.assert_allclose(np.diff(sphere[:, 2]), 1.0 / 400, rtol=1e-9)
+    turn = np.diff(np.arctan2(sphere[:, 1], sphere[:, 0])) / (2.0 * np.pi) % 1.0
+    np.testing.assert_allclose(turn, 2.0 / (1.0 + np.sqrt(5.0)), rtol=1e-9)
     anywhere = np.random.default_rng(12).standard_normal((4000, 3))
     anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
     nearest = np.abs(anywhere @ sphere.T).max(axis=1)

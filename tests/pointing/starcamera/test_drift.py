@@ -92,3 +92,22 @@ def test_bad_input_is_named():
         drift_from_spots(POINTS, np.zeros((2, 2)), focal=1)
     with pytest.raises(ValueError, match="sigma must be positive, got -1"):
         drift_from_spots(POINTS, np.zeros((2, 2)), sigma=-1.0, focal=True)
+
+
+@pytest.mark.parametrize("focal", [False, True])
+def test_errors_of_a_drift_are_told_for_its_three_angles(focal):
+    corners = np.array([[30.0, 30.0, 600.0], [-30.0, -30.0, 600.0], [30.0, -30.0, 600.0]])
+    shifts = seen(corners, DELTA) + 1e-4 * np.random.default_rng(9).standard_normal((5, 3, 2))
+    fit = drift_from_spots(corners, shifts, sigma=1e-4, focal=focal)
+    assert fit.cov.shape == (5, 3 + focal, 3 + focal)
+    assert fit.std_error_arcsec.shape == fit.delta_arcsec.shape == (5, 3)
+    variance = np.diagonal(fit.cov, axis1=1, axis2=2)[:, :3]
+    np.testing.assert_allclose(arcsec_to_rad(fit.std_error_arcsec) ** 2, variance, rtol=1e-9)
+    rows = -lb.design_matrix(corners)
+    if focal:
+        rows = np.column_stack([rows, corners[:, :2].ravel()])
+    assert fit.condition == pytest.approx(np.linalg.cond(rows), rel=1e-9)
+    np.testing.assert_allclose(
+        fit.cov[0], 1e-8 * np.linalg.inv(rows.T @ rows), rtol=1e-6, atol=1e-24
+    )
+    assert (fit.focal is None) != focal
