@@ -5,10 +5,16 @@ import pytest
 from scipy.stats import norm
 
 import losbench as lb
+from losbench.estimation.highbreakdown.mscale import _half
+from losbench.estimation.influence import _tuned, normal_mean
 from losbench.estimation.robust.problem import (
     _by_svd,
+    _design,
+    _design_of_one,
     _in_range,
+    _triangle,
     gram,
+    places,
     read_problem,
     spd_inverse,
 )
@@ -137,3 +143,55 @@ def test_a_table_counts_the_rows_of_less_than_full_weight():
     np.testing.assert_array_equal(frame["x0"], fit.x[:, 0])
     np.testing.assert_array_equal(frame["std_error0"], fit.std_error[:, 0])
     assert lb.lstsq(design, y).to_frame()["doubted"].tolist() == [0, 0, 0]
+
+
+# What is made once and kept, made anew
+
+
+@pytest.mark.parametrize("p", [1, 2, 3, 4, 6])
+def test_packed_elements_have_their_places(p):
+    place, triangle = places.__wrapped__(p), _triangle.__wrapped__(p)
+    pairs = [(i, j) for i in range(p) for j in range(i, p)]
+    assert triangle.tolist() == [i * p + j for i, j in pairs]
+    for k, (i, j) in enumerate(pairs):
+        assert place[i, j] == place[j, i] == k
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 8])
+def test_the_mean_loss_of_an_s_estimate_is_half_of_its_greatest(rows):
+    loss = _half.__wrapped__(rows)
+    assert normal_mean(loss.rho, rows=rows, corners=(loss.c,)) == pytest.approx(
+        loss.c**2 / 12.0, rel=1e-9
+    )
+    if rows == 1:
+        assert loss.c == pytest.approx(1.5476, abs=1e-4)
+
+
+@pytest.mark.parametrize("loss", [lb.Huber(2.0), lb.Bisquare(), lb.Cauchy()])
+@pytest.mark.parametrize("wanted", [0.7, 0.9, 0.999])
+def test_a_tuned_loss_has_the_efficiency_that_was_asked_for(loss, wanted):
+    found = _tuned.__wrapped__(loss, wanted, 1)
+    power = normal_mean(lambda u: (u * found.weights(u)) ** 2, corners=(found.c,))
+    slope = normal_mean(lambda u: u**2 * found.weights(u), corners=(found.c,))
+    assert slope**2 / power == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize("loss", [lb.Huber(), lb.Bisquare(), lb.Cauchy()])
+def test_constants_are_sought_from_a_twelfth_to_seven_times(loss):
+    ends = [lb.efficiency(type(loss)(loss.c * np.exp(power))) for power in (-2.5, 2.0)]
+    beyond = 0.01 if ends[0] > 0.02 else 1.0 - 1e-9
+    with pytest.raises(ValueError, match=f"{ends[0]:.3f} to {ends[1]:.5f}, got {beyond:g}"):
+        _tuned.__wrapped__(loss, beyond, 1)
+    for wanted in (ends[0] + 1e-6, ends[1] - 1e-9):
+        assert lb.efficiency(_tuned.__wrapped__(loss, wanted, 1)) == pytest.approx(wanted, abs=1e-8)
+
+
+def test_one_design_is_factorised_as_many_are():
+    matrix = np.random.default_rng(4).standard_normal((7, 3)) * [1.0, 1e-3, 1e3]
+    one, many = _design_of_one.__wrapped__(matrix.tobytes(), 7, 3), _design(matrix[None])
+    for name, array in vars(one).items():
+        np.testing.assert_array_equal(array, getattr(many, name))
+        assert not array.flags.writeable
+    np.testing.assert_allclose(one.basis[0] @ one.basis[0].T, np.eye(3), atol=1e-12)
+    x = np.array([1.0, -2.0, 3.0])
+    np.testing.assert_allclose(one.to_x[0] @ (one.basis[0] @ (matrix @ x)) / one.unit[0], x)
