@@ -67,6 +67,32 @@ def test_the_errors_of_a_pixel_file_tell_its_detector(tmp_path):
     assert detector.read_noise_e == pytest.approx(READ_NOISE_E, rel=1e-3)
 
 
+def test_cadences_without_a_time_are_missing_and_files_without_any_are_refused(tmp_path):
+    pixel_file(tmp_path / "star.fits", [np.nan, 131.5, 132.0, np.nan, 133.5])
+    times = lb.read_recording(tmp_path / "star.fits").times
+    np.testing.assert_allclose(times.seconds, [np.nan, 0.0, 43200.0, np.nan, 172800.0], atol=1e-6)
+    pixel_file(tmp_path / "timeless.fits", [np.nan] * 3)
+    with pytest.raises(ValueError, match=r"TIME of timeless\.fits must hold at least one finite"):
+        lb.read_recording(tmp_path / "timeless.fits")
+    pixel_file(tmp_path / "back.fits", [3.0, np.nan, 2.0])
+    with pytest.raises(ValueError, match=r"TIME of back\.fits"):
+        lb.read_recording(tmp_path / "back.fits")
+
+
+def test_pixel_files_of_one_recording_are_of_one_length_and_named_if_all_are(tmp_path):
+    for name, days in (("a", 4), ("b", 4)):
+        pixel_file(tmp_path / f"{name}.fits", np.arange(float(days)))
+    recording = lb.read_recording(tmp_path)
+    assert len(recording.stamps) == 2
+    assert not any("the stars are" in note for note in recording.notes)
+    with fits.open(tmp_path / "a.fits", mode="update") as file:
+        file[0].header["OBJECT"] = "KIC 1"
+    assert not any("the stars are" in note for note in lb.read_recording(tmp_path).notes)
+    pixel_file(tmp_path / "c.fits", np.arange(5.0))
+    with pytest.raises(ValueError, match="must have as many frames each, got .*'c': 5"):
+        lb.read_recording(tmp_path)
+
+
 # The report
 
 
