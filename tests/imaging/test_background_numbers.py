@@ -216,3 +216,15 @@ def test_a_ring_is_around_three_pixels_at_least():
         Level(np.nan)
     assert lb.Level(-3.0).dn == -3.0
     assert lb.Ring.tilts and not lb.Level.tilts  # a known level is the same wherever it is taken
+
+
+@pytest.mark.parametrize("side", [3, 9, 15])
+def test_a_ring_grows_brighter_from_its_outermost_pixels_to_its_innermost(side):
+    ring = np.random.default_rng(8).uniform(-1.0, 1.0, (2, (side + 8) ** 2 - side**2)) + 50.0
+    x, y = ring_places(side)
+    edge = np.maximum(abs(x), abs(y)) - side // 2
+    expected = ring[:, edge == 1].mean(axis=1) - ring[:, edge == 4].mean(axis=1)
+    found = fit_ring(ring.copy(), side)
+    np.testing.assert_allclose(found.excess, expected)
+    error = np.sqrt(1.0 / (edge == 1).sum() + 1.0 / (edge == 4).sum())
+    np.testing.assert_allclose(found.excess_error, error * found.scatter)

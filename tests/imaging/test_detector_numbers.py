@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import losbench as lb
+from losbench.imaging.detector import _splitmix64
 
 SHAPE = (6, 8)
 
@@ -114,3 +115,11 @@ def test_pixels_differ_by_their_response_in_the_same_way_everywhere():
     np.testing.assert_allclose(response, np.maximum(1.0 + 0.1 * pattern, 0.0))
     dark = lb.Detector(prnu=0.5)._collected(light, np.zeros(2))
     assert dark.min() == 0.0
+
+
+def test_the_hash_of_a_pixel_is_that_of_its_authors():
+    """The first numbers of splitmix64 from a state of zero."""
+    step = 0x9E3779B97F4A7C15
+    states = np.array([(k * step) % 2**64 for k in range(4)], dtype=np.uint64)
+    expected = [0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F, 0xF88BB8A8724C81EC]
+    assert _splitmix64(states).tolist() == expected

@@ -142,6 +142,22 @@ def test_what_has_no_centroid_is_not_cut_anew():
     assert SpotFlag.NOT_CONVERGED not in flags
 
 
+def test_a_window_is_measured_as_far_as_a_pixel_off_its_middle(monkeypatch):
+    """Nothing is known of it but what was cut."""
+    seen = []
+    standing = Wanting.measure
+
+    def measure(self, windows):
+        seen.append(windows)
+        return standing(self, windows)
+
+    monkeypatch.setattr(Wanting, "measure", measure)
+    measured(Wanting((40.0, 30.0)))
+    (windows,) = seen
+    assert windows.leave == 1.0 and windows.healed is None and windows.kept is None
+    assert windows.side == 9 and windows.signal.shape == (1, 11, 11)
+
+
 # What is cut
 
 

@@ -166,3 +166,11 @@ def test_a_window_that_stays_is_put_on_the_peak_unless_told_otherwise(method, on
     at = np.array([[[35.2, 29.7]]])
     (group,) = grouped(frame, at, np.array([9]), method, lb.Ring(), None, None)
     np.testing.assert_array_equal(group.at, [[[36.0, 31.0]]] if on_peak else at)
+
+
+def test_of_pixels_that_are_as_bright_the_first_is_the_peak():
+    """Row by row."""
+    frame = np.zeros((1, 60, 70))
+    frame[0, [31, 29, 29], [34, 36, 33]] = 9.0
+    given = frame, np.array([[[35.2, 30.1]]]), np.array([13]), lb.Grey(), lb.Ring(), None, None
+    assert grouped(*given)[0].at.tolist() == [[[33.0, 29.0]]]

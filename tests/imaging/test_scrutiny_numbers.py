@@ -445,7 +445,11 @@ def test_without_shot_noise_a_pixel_stands_out_by_the_gain_that_the_others_tell(
         assert not np.delete(found.ravel(), 7 * 15 + 7).any()
     dark = np.zeros((1, 15, 15))
     found = _beyond_shot_noise(replace(windows, signal=dark), fit_of(sigma=sigma, flux=-1.0), kept)
-    assert not found.any()  # a template without light has no shot noise
+    assert not found.any()
+    loud = 3.0 * np.sqrt(FLOOR) * np.where(np.indices(light.shape).sum(axis=0) % 2, 1.0, -1.0)
+    loud[7, 7] = 6.1 * np.sqrt(FLOOR)
+    found = _beyond_shot_noise(replace(windows, signal=loud[None]), fit_of(flux=0.0), kept)
+    assert np.argwhere(found[0]).tolist() == [[7, 7]]  # without light there is no shot noise
 
 
 def test_pixels_that_shot_noise_explains_are_kept_where_nobody_knows_it():

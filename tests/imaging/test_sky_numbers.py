@@ -14,7 +14,7 @@ from losbench.imaging.basins import Basins, _neighbours, _rising, group, without
 from losbench.imaging.levels import _is_flat, _stride, sky_of
 from losbench.imaging.mesh import _slopes, _smooth_tiles, _starts, _surface, _to_the_ends, mesh
 from losbench.imaging.pattern import FLAT, Pattern, _jump
-from losbench.imaging.ranks import level_and_noise
+from losbench.imaging.ranks import level_and_noise, noise_above_black
 from losbench.imaging.sky import Sky
 
 # Basins
@@ -457,3 +457,32 @@ def test_a_frame_is_crowded_where_six_tenths_of_it_are_bright(monkeypatch, pixel
     assert len(lb.find_spots(np.full((32, 32), 20.0))) == 1
     with pytest.raises(ValueError, match="1056 of 1056 pixels"):
         lb.find_spots(np.full((33, 32), 20.0))
+
+
+@pytest.mark.parametrize(("share", "clips"), [(0.075, False), (0.085, True)])
+def test_black_is_clipped_from_eight_hundredths_on(share, clips):
+    values = np.sort(np.random.default_rng(9).normal(10.0, 2.0, (1, 2000)))
+    dark = np.arange(2000)[None] < share * 2000
+    values[dark] = values[dark].max()
+    plain = level_and_noise(values, 0.0, np.zeros_like(dark))
+    found = level_and_noise(values, 0.0, dark)
+    assert (found[1] != plain[1]).all() == clips
+    ring = values.copy()
+    assert (noise_above_black(ring) > 0).all() == clips
+
+
+def test_jumps_are_looked_for_without_the_phases(monkeypatch):
+    asked = []
+
+    def jump(sample, middle, across):
+        asked.append((sample, middle, across))
+        return 0.0
+
+    monkeypatch.setattr("losbench.imaging.pattern._jump", jump)
+    y, x = np.mgrid[:60, :80]
+    noise = np.random.default_rng(4).normal(50.0, 0.1, (60, 80))
+    Pattern.of(noise + 30.0 * (y % 2) - 20.0 * (x % 2), 3, (180, 240), 0.5)
+    (rows, *of_rows), (columns, *of_columns) = asked
+    assert (of_rows, of_columns) == ([30.0, 40.0], [40.0, 30.0])
+    assert np.ptp(rows) < 2.0 and rows.mean() == pytest.approx(55.0, abs=0.1)
+    np.testing.assert_array_equal(columns, rows.T)

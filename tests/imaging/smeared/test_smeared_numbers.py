@@ -405,6 +405,9 @@ def test_a_centre_that_does_not_follow_has_no_response():
     assert np.isnan(response).all() and np.isfinite(light).all()
     _, light = _response(model, Region(np.zeros((3, *SHAPE), bool)), STARS)
     assert np.isnan(light).all()
+    hardly = model_of(np.round(STARS), a_path((0.0, 0.0, 0.0)), np.array([0.14, 0.14]))
+    response, _ = _response(hardly, Region(np.ones((3, *SHAPE), bool)), np.round(STARS))
+    assert (np.linalg.det(response) < 1e-4).all() and (np.linalg.det(response) > 1e-6).all()
 
 
 def test_a_gauss_newton_step_is_weighted_least_squares():
@@ -810,3 +813,20 @@ def test_blocks_of_stars_ask_nothing_of_each_other(monkeypatch, method):
     for name in ("xy", "sigma_xy", "flux", "n_iter", "converged", "flags"):
         np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-4)
     assert (whole.flags[1] != 0).any() and not whole.flags[[0, 2]].any()
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_a_star_without_its_core_beside_a_whole_one_is_measured_as_if_it_were_alone(order):
+    """By the pixels that are left, which the iteration follows poorly."""
+    stars = np.array([[40.3, 50.2], [90.8, 30.4]])
+    tracks = PATH.tracks(stars, CAMERA, epoch="end")
+    light = lb.render_streaks(tracks, PATH.share, [6e4, 2e4], SIGMA, CAMERA.shape)
+    full = 0.4 * light.max()
+    frame = np.minimum(light, full)
+    given = {"path": PATH, "camera": CAMERA, "width": SIGMA, "full_scale_dn": full, "window": 15}
+    together = lb.aided_centroid(frame, stars[order], method="iterative", **given)
+    for k, star in enumerate(order):
+        alone = lb.aided_centroid(frame, stars[[star]], method="iterative", **given)
+        np.testing.assert_allclose(together.xy[k], alone.xy[0], atol=1e-9)
+        np.testing.assert_allclose(alone.xy[0], stars[star], atol=0.02)
+    assert (together.flags & SpotFlag.SATURATED > 0).tolist() == [star == 0 for star in order]
