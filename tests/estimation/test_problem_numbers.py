@@ -195,3 +195,13 @@ def test_one_design_is_factorised_as_many_are():
     np.testing.assert_allclose(one.basis[0] @ one.basis[0].T, np.eye(3), atol=1e-12)
     x = np.array([1.0, -2.0, 3.0])
     np.testing.assert_allclose(one.to_x[0] @ (one.basis[0] @ (matrix @ x)) / one.unit[0], x)
+
+
+@pytest.mark.parametrize("unit", [1e-110, 1.0, 1e110])
+@pytest.mark.parametrize("scale", ["pooled", "mad", "std"])
+def test_covariances_follow_the_unit_however_small_or_large(unit, scale):
+    rng = np.random.default_rng(5)
+    design, y = rng.standard_normal((12, 2)), rng.standard_normal((4, 12))
+    plain, found = (lb.irls(design, each, scale=scale) for each in (y, unit * y))
+    np.testing.assert_allclose(found.cov / unit / unit, plain.cov, rtol=1e-6)
+    np.testing.assert_allclose(found.x / unit, plain.x, rtol=1e-6)

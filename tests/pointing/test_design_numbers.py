@@ -156,3 +156,8 @@ def test_a_fold_is_predicted_from_a_sample_more_than_unknowns(samples, enough):
             Offset() + Lagged("a") + Linear("b"), y, sensors, T, folds=2, horizon="forward"
         )
     assert found.not_predictable == (("block 1",) if enough else ("block 1", "block 2"))
+
+
+def test_the_term_that_stands_twice_is_named():
+    with pytest.raises(ValueError, match="each term once, got a twice"):
+        bind(Offset() + Trend(1) + Linear("b") + Linear("a", "c") + Linear("a"), {}, T)

@@ -544,3 +544,14 @@ def test_a_pattern_of_no_frequency_keeps_its_modulation():
     for name, value in (("smear", 0.7), ("jitter", 0.2), ("sine", 0.3)):
         assert lb.mtf(0.0, **{name: value}) == 1.0
         assert 0.0 <= lb.mtf(0.9, **{name: value}) < 1.0
+
+
+@pytest.mark.parametrize("k", [1, 3, 100])
+def test_the_square_of_a_spectrum_is_taken_less_its_own_variance(k):
+    """Of k Hann segments that overlap by half: one plus twice the square of 1/6, over k."""
+    density, squares = np.array([0.0, 3.0, 2.0, 1.0]), np.ones(50)
+    by_spectrum, by_windows = freedom(squares, density, 0.25, 40.0, k)
+    square = 14.0 * 0.25 / (1.0 + (1.0 + 2.0 * (1.0 / 6.0) ** 2) / k)
+    assert by_spectrum == pytest.approx(2.0 * 40.0 * (6.0 * 0.25) ** 2 / square, rel=1e-12)
+    assert by_windows == np.inf
+    assert freedom(squares, 0.0 * density, 0.25, 40.0, k)[0] == np.inf

@@ -244,3 +244,33 @@ def test_columns_that_are_nearly_parallel_have_the_errors_that_they_have(apart, 
     columns, y = np.column_stack([one, one + apart * other]), rng.standard_normal(60)
     found, expected = generalised(columns, y, t, noise, freedom=False), lb.lstsq(columns, y)
     np.testing.assert_allclose(found.sigma, expected.std_error, rtol=0.01)
+
+
+@pytest.mark.parametrize(("worse", "long"), [(-3.0, True), (4.5, True), (4.7, False)])
+@pytest.mark.parametrize("first", ["short", "long"])
+def test_the_longer_memory_is_taken_within_4_6_of_the_likelihood(worse, long, first, monkeypatch):
+    """Of the two minima that the search ends in, here given."""
+    ends = {
+        "short": SimpleNamespace(x=np.log([2.0, 0.5]), fun=10.0),
+        "long": SimpleNamespace(x=np.log([20.0, 0.3]), fun=10.0 + worse),
+    }
+    found = [ends[first], *(end for name, end in ends.items() if name != first)]
+    monkeypatch.setattr("scipy.optimize.minimize", lambda *a, **k: found.pop(0))
+    t = np.arange(60.0)
+    noise = fit_noise(np.ones((60, 1)), np.random.default_rng(11).standard_normal(60), t)
+    assert (noise.tau_s, noise.white) == pytest.approx((20.0, 0.3) if long else (2.0, 0.5))
+
+
+@pytest.mark.parametrize(("apart", "told"), [(6e-6, True), (1e-7, False)])
+def test_lags_are_told_apart_down_to_the_rounding_of_their_squares(apart, told):
+    """Two unit columns at an angle a: the smaller power is a^2 / 4 of the greater."""
+    rng, t = np.random.default_rng(12), np.arange(80.0)
+    basis = np.linalg.qr(np.column_stack([np.ones(80), rng.standard_normal((80, 2))]))[0]
+    one, other = basis[:, 1:].T
+    bank, base = np.stack([one, one + apart * other], axis=1), np.ones((80, 1))
+    y = 5.0 * other + 1e-3 * rng.standard_normal(80)
+    found = ridge_sums(base, bank, np.array([[0.0, 1.0]]), y, t, Noise())
+    if told:
+        assert found.total[0] * apart == pytest.approx(5.0, rel=0.01)
+    else:
+        assert abs(found.total[0]) * apart < 0.1
