@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag, null_space
 
 from losbench.imaging import shapefit
 from losbench.imaging.noise import PixelNoise
 from losbench.imaging.protocols import Windows
-from losbench.imaging.shapefit import _chosen, _Normal, _Seen, _typical
+from losbench.imaging.shapefit import _chosen, _error, _Normal, _Seen, _typical
 from losbench.imaging.splines import Drawn, spline_count, spline_weights
 
 SIDE, COUNT = 5, spline_count(5)
@@ -144,6 +145,37 @@ def test_typical_windows_have_the_median_light_and_noise():
         share = 1.0 if kept is None else kept.mean(axis=0)
         np.testing.assert_allclose(found.weight, share / variance)
         assert replace(found.windows.noise, plane=None).floor.tolist() == [16.0, 16.0]
+
+
+def test_the_error_of_a_shape_is_that_of_all_unknowns_together():
+    """Splines, with a place and a light of each window; but for the mean place and the light of
+    all, which are the shape's own. A spot without light tells nothing."""
+    seen, *_ = seen_of(5)
+    seen = replace(seen, flux=np.append(seen.flux[:4], 0.0))
+    penalty = 0.1
+    solved = seen.normal().solved(penalty)
+    found = _error(seen, solved)
+    bright = seen.of_some(np.arange(4))
+    basis, weight = design(bright), bright.weight.reshape(4, -1)
+    normal = np.einsum("msk,ms,msl->kl", basis, weight, basis)
+    unit = np.trace(normal) / COUNT**2
+    bent = np.diff(np.eye(COUNT), 2, axis=0)
+    stiff = np.kron(bent.T @ bent, np.eye(COUNT)) + np.kron(np.eye(COUNT), bent.T @ bent)
+    matrix = normal + unit * (penalty * stiff + 1e-9 * np.eye(COUNT**2))
+    own, shared = bright.slopes(solved.raw)
+    across, each = shared.reshape(12, -1).T, block_diag(*own)
+    common = np.concatenate([np.diag([flux, 1.0, 1.0]) for flux in bright.flux])
+    free = null_space(common.T)
+    told = across @ free @ np.linalg.solve(free.T @ each @ free, free.T @ across.T)
+    covariance = np.linalg.inv(matrix - told)
+    pulls = np.linalg.solve(own, shared)[:, 1:].mean(axis=0)
+    part = (np.arange(8) + 0.5) / 8 - 0.5
+    for row, column in ((0, 0), (2, 5), (7, 3)):
+        one = _typical(bright, solved.raw, np.array([[part[column], part[row]]]))
+        of_place, with_splines = one.slopes(solved.raw)
+        wanted = np.linalg.solve(of_place, with_splines)[0, 1:] - pulls
+        variance = np.einsum("ak,kl,al->a", wanted, covariance, wanted)
+        np.testing.assert_allclose(found[row, column], np.sqrt(variance), rtol=1e-3)
 
 
 # Windows that are not like the others
