@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import norm
 
 import losbench as lb
-from losbench.estimation.highbreakdown.mscale import _half
+from losbench.estimation.highbreakdown.mscale import MScale, _half
+from losbench.estimation.highbreakdown.search import Units
 from losbench.estimation.influence import _tuned, normal_mean
 from losbench.estimation.robust.problem import (
     _by_svd,
@@ -205,3 +206,11 @@ def test_covariances_follow_the_unit_however_small_or_large(unit, scale):
     plain, found = (lb.irls(design, each, scale=scale) for each in (y, unit * y))
     np.testing.assert_allclose(found.cov / unit / unit, plain.cov, rtol=1e-6)
     np.testing.assert_allclose(found.x / unit, plain.x, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("survive", "counted"), [(0, 4.0), (3, 4.0), (4, 4.25), (6, 6.25)])
+def test_an_m_scale_gives_way_to_as_many_bad_units_as_it_must_survive(survive, counted):
+    """Half of ten units less two unknowns, or a quarter of a unit beyond those to be survived."""
+    problem = read_problem(np.vander(np.arange(10.0), 2), np.ones((1, 10)))
+    measure = MScale(problem, Units.read(None, 10), survive)
+    np.testing.assert_allclose(measure._wanted, counted * _half(1).c ** 2 / 6.0, rtol=1e-12)
