@@ -65,6 +65,15 @@ def test_a_spot_further_off_is_drawn_as_if_it_stood_a_pixel_and_a_half_off(side)
     assert not np.allclose(inner, near, atol=1e-3)
 
 
+def test_weights_of_many_places_stand_as_those_do():
+    centre = np.random.default_rng(4).uniform(-1.4, 1.4, (2, 3))
+    found, slopes = spline_weights(5, centre)
+    for place in np.ndindex(2, 3):
+        one, slope = spline_weights(5, centre[place][None])
+        np.testing.assert_allclose(found[place], one[0], atol=1e-12)
+        np.testing.assert_allclose(slopes[place], slope[0], atol=1e-12)
+
+
 # Drawn
 
 
