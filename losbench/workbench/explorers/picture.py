@@ -115,12 +115,12 @@ class Picture:
         """
         import cv2
 
-        pixels = np.asarray(self._canvas.buffer_rgba())
         limits = [(axes, axes.get_xlim(), axes.get_ylim()) for axes in self._figure.axes]
         if limits != self._limits:
             with mpl.rc_context(self._style):
                 self._still = self._stood_still(limits)
             self._limits = limits
+        pixels = np.asarray(self._canvas.buffer_rgba())
         pixels[:] = self._still
         for artist in self._moving:
             self._figure.draw_artist(artist)
