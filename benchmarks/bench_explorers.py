@@ -166,19 +166,21 @@ def dragged(page: Any, drag: Callable[[], None]) -> tuple[float, float]:
     return 1e3 * during / (last - first), seen["pictures"][-1] - last
 
 
-def first_fine_slider(name: str) -> int:
-    """Number of the first slider with enough values for a drag to ask for many pictures; every
-    explorer has one.
+def finest_slider(name: str) -> int:
+    """Number of the slider with the most values, up to a move each: with fewer it is those that a
+    drag would count, not pictures.
     """
     controls = (
         KINDS[name].controls.values() if name != "Reference" else [Slider("phase", 0, 0, 360, 2)]
     )
-    sliders = [control for control in controls if isinstance(control, Slider | LogSlider)]
-    fine = [
-        isinstance(each, LogSlider) or (each.high - each.low) / each.step >= FINE
-        for each in sliders
+    counts = [
+        20 * np.log10(each.high / each.low)
+        if isinstance(each, LogSlider)
+        else (each.high - each.low) / each.step + 1
+        for each in controls
+        if isinstance(each, Slider | LogSlider)
     ]
-    return fine.index(True)
+    return int(np.argmax(np.minimum(counts, FINE)))
 
 
 def measure(lab: Any, page: Any, name: str) -> Row:
@@ -191,7 +193,7 @@ def measure(lab: Any, page: Any, name: str) -> Row:
     page.evaluate(WATCH)
     page.wait_for_timeout(QUIET_MS)
     plain = ExplorerPage(page, box=twin)
-    number = first_fine_slider(name)
+    number = finest_slider(name)
     times: list[list[float]] = [[], []]
     drags: list[list[tuple[float, float]]] = [[], []]
     for _ in range(ROUNDS):

@@ -748,6 +748,22 @@ def test_the_chain_is_quick_only_while_a_page_watches_and_settles_after():
         assert "of 480" in explorer.numbers.value
 
 
+def test_a_warm_up_is_fitted_over_every_lag_once_the_hand_rests():
+    with contextlib.closing(ThermalExplorer()) as explorer:
+        put(explorer, lag_min=20.0)
+        at_rest = explorer.numbers.value
+        assert "when it rests" not in at_rest and not explorer.view.coarse
+        explorer.reset()
+        asked(explorer, look={"width": 840, "ratio": 1, "light": True})
+        explorer.inputs["lag_min"].value = 20.0
+        assert explorer.view.coarse
+        assert explorer.numbers.value.count("when it rests") == 3
+        moving = explorer.view.png
+        asked(explorer, settle=True)
+        assert not explorer.view.coarse
+        assert explorer.numbers.value == at_rest and explorer.view.png == moving
+
+
 def test_the_chain_takes_a_camera_of_ones_own(tmp_path):
     path = tmp_path / "camera.toml"
     path.write_text(lb.Camera(focal_mm=500.0, pixel_um=5.0, shape=(500, 600)).to_toml())

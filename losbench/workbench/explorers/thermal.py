@@ -53,6 +53,7 @@ def warm_up_and_fits(
     bad_percent: int,
     bad_arcsec: float,
     seed: int,
+    every_lag: bool = True,
 ) -> dict[str, Any]:
     """Warm the twin, measure its angles with noise and bad frames, and fit them over the room."""
     bench = liu2026.ThermalBench(
@@ -73,10 +74,11 @@ def warm_up_and_fits(
         "least squares": lb.fit_sensitivity(
             run.room_degC, angles, time_s=when, lag_s=lag_s, method="ls", errors="white"
         ),
-        "every lag": lb.fit_sensitivity(
-            run.room_degC, angles, time_s=when, lag_s="fit", errors="white"
-        ),
     }
+    if every_lag:
+        fits["every lag"] = lb.fit_sensitivity(
+            run.room_degC, angles, time_s=when, lag_s="fit", errors="white"
+        )
     return {"bench": bench, "run": run, "angles": angles, "fits": fits}
 
 
@@ -121,6 +123,7 @@ class ThermalExplorer(Explorer):
         "lag of 40 min": {"lag_min": 40.0},
     }
     size_in = (8.4, 3.7)
+    settles = True
 
     def build(self, figure: Figure) -> Sequence[Artist]:
         """Draw temperatures and drift over time, and drift over temperature."""
@@ -161,22 +164,28 @@ class ThermalExplorer(Explorer):
         return [self._room, *self._nodes, *self._seen, *self._against, *self._fits, *self._plain]
 
     def update(self, **settings: Any) -> Mapping[str, str]:
-        """Warm the twin, and fit its angles as a function of temperature."""
-        seen = self.experiment(**settings)
+        """Warm the twin, and fit its angles as a function of temperature; over every lag, once the
+        hand rests.
+        """
+        seen = self.experiment(**settings, every_lag=not self.moving)
         bench, run, fits = seen["bench"], seen["run"], seen["fits"]
-        robust, plain, every = fits["IRLS"], fits["least squares"], fits["every lag"]
+        robust, plain = fits["IRLS"], fits["least squares"]
         laws = [
             rad_to_arcsec(fit.predict(run.room_degC, time_s=run.time_s)) for fit in (robust, plain)
         ]
         self._show(run, rad_to_arcsec(seen["angles"]), *laws)
+        resting = low = high = ()
+        if every := fits.get("every lag"):
+            resting = every.k_at_rest_arcsec_per_degC
+            low, high = every.k_interval_arcsec_per_degC.T
         rows = {
             "sensitivity, IRLS X · Y · Z (″/°C)": robust.k_arcsec_per_degC,
             "… 95 % from, if this lag were the law": robust.k_interval_arcsec_per_degC[:, 0],
             "… to": robust.k_interval_arcsec_per_degC[:, 1],
             "… least squares": plain.k_arcsec_per_degC,
-            "at rest, over every lag": every.k_at_rest_arcsec_per_degC,
-            "… 95 % from": every.k_interval_arcsec_per_degC[:, 0],
-            "… until": every.k_interval_arcsec_per_degC[:, 1],
+            "at rest, over every lag": resting,
+            "… 95 % from": low,
+            "… until": high,
             "… the truth, all nodes as warm as the room": np.sum(
                 bench.sensitivity_arcsec_per_degC, axis=1
             ),
@@ -184,7 +193,8 @@ class ThermalExplorer(Explorer):
         }
         slowest = bench.network.time_constants_s[0] / 60.0
         texts = {
-            name: " · ".join(f"{value:.3f}" for value in values) for name, values in rows.items()
+            name: " · ".join(f"{value:.3f}" for value in values) or "when it rests"
+            for name, values in rows.items()
         }
         return texts | {
             "slowest time constant": f"{slowest:.0f} min"
