@@ -14,7 +14,9 @@ import losbench as lb
 from losbench.recording.frames.develop import left_aligned_step
 from losbench.recording.frames.names import belonging, jump_in_names, times_in_names
 from losbench.recording.frames.packed import unpacked, unpacked_gige
+from losbench.recording.frames.pixelfiles import _detector
 from losbench.recording.frames.protocol import cut_short, fits_in
+from losbench.recording.frames.raw import RawLayout
 
 fits = pytest.importorskip("astropy.io.fits")
 FRAMES = np.random.default_rng(7).integers(0, 4000, (6, 20, 30)).astype(np.uint16)
@@ -213,6 +215,43 @@ def test_raw_frames_lie_where_their_layout_says(tmp_path, pixels, frame_bytes, g
     (tmp_path / "a.raw").write_bytes(b"1234567")
     with pytest.raises((lb.UnreadableFrame, ValueError), match=r"a.raw"):
         lb.open_frames(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("file", ["", 7, None])
+def test_a_raw_file_must_have_a_name(file):
+    with pytest.raises(ValueError, match=f"file must be the name of the raw file, got {file!r}"):
+        RawLayout(file=file, pixels="mono8", shape=(3, 5))
+
+
+def test_a_raw_frame_has_a_million_rows_and_columns_at_most():
+    assert RawLayout(file="a.raw", pixels="mono8", shape=(2**20, 1)).frame_bytes == 2**20
+    with pytest.raises(ValueError, match="shape must be"):
+        RawLayout(file="a.raw", pixels="mono8", shape=(1, 2**20 + 1))
+
+
+# FITS
+
+
+def test_a_compressed_image_claims_no_more_than_its_file_can_hold(tmp_path):
+    path = tmp_path / "a.fits"
+    fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(FRAMES[0].astype(np.int16))]).writeto(path)
+    whole = path.read_bytes()
+    assert read(path).shape == (1, 20, 30)
+    for name in (b"ZNAXIS1", b"ZNAXIS2"):
+        at = whole.index(name + b" =")
+        whole = whole[:at] + name + b" =               900000" + whole[at + 30 :]
+    path.write_bytes(whole)
+    with pytest.raises(lb.UnreadableFrame, match="its header claims 1_620_000_000_000 bytes"):
+        lb.open_frames(path)
+
+
+def test_pixels_without_an_error_tell_nothing_of_a_gain():
+    flux = np.linspace(1.0, 1000.0, 50)
+    told = np.stack([flux, flux / 4.0 + 9.0])
+    unknown = np.stack([np.full(50, 500.0), np.full(50, np.nan)])
+    found = _detector(np.concatenate([told, unknown, unknown[::-1]], axis=1))
+    assert found is not None and found == _detector(told)
+    assert _detector(unknown) is None
 
 
 # SER
