@@ -25,6 +25,7 @@ _STAMP = 1024  # pixels; a spot may fill what is smaller
 # the four neighbours of a real spot's only bright pixel hold at least this part of its light
 _CROSS = 0.3
 _REACH = 2  # pixels around a bright one that a path between peaks may lead over
+_BESIDE = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if y or x]
 _ORDERS = ("light", "peak", "x")
 
 
@@ -190,17 +191,15 @@ def _above_level(
     """Flat places of the pixels above one level, looked for in the bands that reach it."""
     cut: Any = float(sky.level[0, 0] + threshold * sky.noise[0, 0])
     if pixels.dtype.kind in "ui":  # a whole number is compared in the frame's own type
-        least, most = _ends(pixels.dtype)
-        cut = pixels.dtype.type(min(max(math.floor(cut), least), most))
-    width, found = pixels.shape[1], []
-    for band in np.flatnonzero(band_maxima > cut).tolist():
-        rows = pixels[band * _BAND : (band + 1) * _BAND]
-        found.append(np.flatnonzero(rows > cut) + band * _BAND * width)
-    return np.concatenate(found) if found else np.zeros(0, dtype=np.intp)
-
-
-def _ends(dtype: np.dtype[Any]) -> tuple[int, int]:
-    return int(np.iinfo(dtype).min), int(np.iinfo(dtype).max)
+        whole = np.iinfo(pixels.dtype)
+        cut = pixels.dtype.type(min(max(math.floor(cut), whole.min), whole.max))
+    band = np.flatnonzero(band_maxima > cut)
+    runs = np.split(band, np.flatnonzero(np.diff(band) > 1) + 1) if band.size else []
+    width, found = pixels.shape[1], [np.zeros(0, dtype=np.intp)]
+    for run in runs:
+        rows = pixels[run[0] * _BAND : (run[-1] + 1) * _BAND]
+        found.append(np.flatnonzero(rows > cut) + run[0] * _BAND * width)
+    return np.concatenate(found)
 
 
 def _above_mesh(pixels: NDArray[Any], sky: Sky, threshold: float) -> Indices:
@@ -273,26 +272,16 @@ def _beside(
     border.
     """
     (height, width), flat = pixels.shape, pixels.ravel()
-    inner = bool(
-        (row > 0).all()
-        and (row < height - 1).all()
-        and (column > 0).all()
-        and (column < width - 1).all()
+    inner = (
+        row.min() > 0 and row.max() < height - 1 and column.min() > 0 and column.max() < width - 1
     )
     place = row * width + column
-    cross, corners = np.zeros(len(row)), np.zeros(len(row))
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            if not (down or right):
-                continue
-            which = corners if down and right else cross
-            if inner:
-                which += flat[place + (down * width + right)]
-            else:
-                y, x = row + down, column + right
-                inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-                which += np.where(inside, flat[(y * width + x) * inside] - level, 0.0)
-    if inner:
-        cross -= 4.0 * level
-        corners -= 4.0 * level
+    cross, corners = -4.0 * level, -4.0 * level
+    for down, right in _BESIDE:
+        seen = flat.take(place + (down * width + right), mode="clip")
+        if not inner:
+            y, x = row + down, column + right
+            seen = np.where((y >= 0) & (y < height) & (x >= 0) & (x < width), seen, level)
+        which = corners if down and right else cross
+        which += seen
     return cross, corners

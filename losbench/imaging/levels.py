@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ def sky_of(pixels: NDArray[Any], peak: float, threshold: float) -> Sky:
         return flat
     cells = _cells(sample)
     # Of cells, because a pattern or a gradient over the frame counts as noise of the whole.
-    local = float(np.median(level_and_noise(cells, digit, cells <= values.min())[1]))
+    local = median(level_and_noise(cells, digit, cells <= values.min())[1].tolist())
     if _is_flat(cells, sample, max(local, least), digit):
         return flat
     return mesh(pixels, digit, max(local, least), least)

@@ -34,10 +34,13 @@ class Pattern:
         near = sample[:-2] + 2.0 * sample[1:-1] + sample[2:]
         near = (near[:, :-2] + 2.0 * near[:, 1:-1] + near[:, 2:]) / 16.0
         above = sample[1:-1, 1:-1] - near
-        phase = np.array(
-            [[np.median(above[1 - r :: 2, 1 - c :: 2]) for c in (0, 1)] for r in (0, 1)]
-        )
-        phase = phase - phase.mean() if np.ptp(phase) > least else np.zeros((2, 2))
+        phase = np.zeros((2, 2))
+        if min(above.shape) > 1:  # in one row or column alone, two phases have no pixel
+            found = np.array(
+                [[np.median(above[1 - r :: 2, 1 - c :: 2]) for c in (0, 1)] for r in (0, 1)]
+            )
+            if np.ptp(found) > least:
+                phase = found - found.mean()
         middle = (shape[0] / 2, shape[1] / 2)
         rows, columns = (np.arange(size) for size in sample.shape)
         even = sample - phase[rows[:, None] % 2, columns % 2]

@@ -21,6 +21,7 @@ __all__ = ["CLIPPED", "digit_step", "level_and_noise", "medians", "noise_above_b
 
 CLIPPED = 0.08  # share of pixels at the minimum from which on a frame is clipped there
 _FEWEST = 15  # ranks
+_LOWEST = 0.05  # share of the ranks below which a hot or dead pixel may lie
 _TOLD = 1.2  # steps of noise; below, rounding looks like clipping
 _FEW = 4096  # values, whose scores may stay in memory
 
@@ -62,7 +63,7 @@ def level_and_noise(
     ([-0.2], [4.0])
     """
     n = values.shape[1]
-    share = clipped.mean(axis=1)
+    share = clipped.sum(axis=1) / n
     share[share < CLIPPED] = 0.0
     if digit:
         values = values + digit * _kept(_dither, n)
@@ -71,14 +72,15 @@ def level_and_noise(
     if clips:
         values = np.where(clipped & (share > 0)[:, None], values.min() - 1.0, values)
     ranked = np.sort(values, axis=1)
-    low, high = np.full(len(share), 0.05), np.full(len(share), most)
-    left = 1.0 - share
-    if clips:
-        low = np.where(share > 0, share + 0.1 * left, low)
-        high = np.where((share > 0) & (most > 0.5), np.maximum(most, share + 0.7 * left), high)
-    level, noise = _line(ranked, low, high)
-    if clips:
-        lower = _line(ranked, low, np.where(share > 0, np.minimum(share + 0.35 * left, high), high))
+    if not clips:
+        level, noise = _line(ranked, _kept(_weights, n, _LOWEST, most))
+    else:
+        left = 1.0 - share
+        low = np.where(share > 0, share + 0.1 * left, _LOWEST)
+        high = np.where((share > 0) & (most > 0.5), np.maximum(most, share + 0.7 * left), most)
+        within = np.where(share > 0, np.minimum(share + 0.35 * left, high), high)
+        level, noise = _line(ranked, _weights(n, low[:, None], high[:, None]))
+        lower = _line(ranked, _weights(n, low[:, None], within[:, None]))
         narrow = lower[1] < noise / 1.5
         level, noise = (np.where(narrow, a, b) for a, b in zip(lower, (level, noise), strict=True))
     few = ~np.isfinite(noise)
@@ -109,14 +111,14 @@ def noise_above_black(rings: Pixels) -> Floats:
     return np.where(some & beyond & ~(found < _TOLD * digit), found, 0.0)
 
 
-def _kept(make: Callable[[int], Floats], n: int) -> Floats:
+def _kept(make: Callable[..., Floats], n: int, *more: float) -> Floats:
     """What is made for so many values; made once for few, as all frames of a recording ask."""
-    return _once(make, n) if n <= _FEW else make(n)
+    return _once(make, n, *more) if n <= _FEW else make(n, *more)
 
 
 @lru_cache(maxsize=8)
-def _once(make: Callable[[int], Floats], n: int) -> Floats:
-    made = make(n)
+def _once(make: Callable[..., Floats], n: int, *more: float) -> Floats:
+    made = make(n, *more)
     made.flags.writeable = False
     return made
 
@@ -125,27 +127,27 @@ def _dither(n: int) -> Floats:
     return np.random.default_rng(0).random(n) - 0.5
 
 
-def _scores(n: int) -> Floats:
-    """Normal scores of the ranks of so many values."""
-    return np.asarray(ndtri((np.arange(n) + 0.5) / n))
-
-
-def _line(ranked: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Intercept and slope (T,) of ranked values (T, n) over their normal scores, from the ranks low
-    to high (T,); NaN where they are fewer than 15.
+def _weights(n: int, low: float | Floats, high: float | Floats) -> Floats:
+    """Weights that so many ranked values have in the intercept and the slope of a line over their
+    normal scores, from the ranks low to high: (2, n), or (2, T, n) for ranks (T, 1); NaN where they
+    are fewer than 15.
     """
-    n = ranked.shape[1]
     rank = (np.arange(n) + 0.5) / n
-    score = _kept(_scores, n)
-    used = ((rank >= low[:, None]) & (rank <= high[:, None])).astype(np.float64)
-    number = used.sum(axis=1)
+    score = ndtri(rank)
+    used = ((rank >= low) & (rank <= high)).astype(np.float64)
+    number = used.sum(axis=-1, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
-        middle = used @ score / number
-        at = (used * ranked).sum(axis=1) / number
-        across = used * (score - middle[:, None])
-        noise = (across * ranked).sum(axis=1) / (across * score).sum(axis=1)
-    noise = np.where(number < _FEWEST, np.nan, noise)
-    return at - noise * middle, noise
+        middle = (used * score).sum(axis=-1, keepdims=True) / number
+        across = used * (score - middle)
+        slope = across / (across * score).sum(axis=-1, keepdims=True)
+        slope = np.where(number < _FEWEST, np.nan, slope)
+        return np.stack([used / number - middle * slope, slope])
+
+
+def _line(ranked: Floats, weights: Floats) -> Floats:
+    """Level and noise (2, T) of ranked values (T, n)."""
+    weights = weights.reshape(2, -1, weights.shape[-1])
+    return np.asarray((weights * ranked).sum(axis=-1))
 
 
 def digit_step(sample: Floats) -> float:

@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
 import losbench as lb
-from losbench.imaging.basins import Basins, _neighbours, _rising, group, without_crumbs
+from losbench.imaging.basins import Basins, _keys, _neighbours, group, without_crumbs
 from losbench.imaging.levels import _is_flat, _stride, sky_of
 from losbench.imaging.mesh import _slopes, _smooth_tiles, _starts, _surface, _to_the_ends, mesh
 from losbench.imaging.pattern import FLAT, Pattern, _jump
@@ -92,10 +92,19 @@ def test_pixels_that_touch_are_those_that_a_loop_finds_in_frames_of_any_width(wi
         assert set(zip(ones.tolist(), others.tolist(), strict=True)) == pairs(place, width)
 
 
+def test_keys_tell_apart_what_differs_in_the_eighth_digit_and_hold_their_places():
+    value, low = np.array([1.0 + 1e-7, 1.0, 1.0 + 1e-12, 1.0 + 1e-7]), 2**26 - 1
+    key = _keys(value, low)
+    assert np.argsort(key).tolist() == [1, 2, 0, 3]
+    assert (key & low).tolist() == [0, 1, 2, 3]
+
+
 def test_of_equal_pixels_the_later_is_the_higher():
     for seed in range(6):
         value = np.random.default_rng(seed).integers(0, 9, 60) / 3.0
-        np.testing.assert_array_equal(_rising(value), np.argsort(value, kind="stable"))
+        for signed in (value, value - 1.5, -value):
+            order = np.argsort(_keys(signed, 63))
+            np.testing.assert_array_equal(order, np.argsort(signed, kind="stable"))
         place, noise = np.arange(60), np.full(60, 0.1)
         basins, expected = group(place, 10, value, noise), grouped(place, 10, value, noise)
         np.testing.assert_array_equal(basins.owner, np.unique(expected, return_inverse=True)[1])
@@ -318,6 +327,22 @@ def test_a_pattern_below_the_least_is_none():
     for least, told in ((1.49, True), (1.51, False)):
         found = Pattern.of(tap, 1, tap.shape, least).tap
         np.testing.assert_allclose(found, [3.0 * told, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(101, 3), (3, 101), (4, 3)])
+def test_too_few_samples_to_hold_every_phase_tell_no_phase(shape):
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    assert not Pattern.of(9.0 * ((y + x) % 2), 1, shape, 0.1).phase.any()
+    assert Pattern.of(9.0 * ((np.mgrid[:4, :4].sum(0)) % 2), 1, (4, 4), 0.1).phase.any()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_strip_of_nine_rows_under_a_slope_is_searched(turned):
+    frame = np.random.default_rng(1).normal(np.linspace(0.0, 200.0, 303)[:, None], 2.0, (303, 9))
+    frame[150, 4] += 300.0
+    frame[149:152, 3:6] += 100.0
+    found = lb.find_spots(frame.T if turned else frame)
+    np.testing.assert_allclose(found, [[150.0, 4.0] if turned else [4.0, 150.0]], atol=0.2)
 
 
 def test_a_jump_needs_eight_samples_on_either_side_and_one_sign_in_both_halves():
