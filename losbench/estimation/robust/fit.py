@@ -14,17 +14,17 @@ from losbench.arrays import Bools, Floats, Ints
 from losbench.checks import boolean, choice, finite, integer, named_twice, number
 from losbench.estimation.losses import Huber, Loss, psi_deriv, read_loss
 from losbench.estimation.robust.failures import warn_of_failures
-from losbench.estimation.robust.iterate import Groups, Method, iterate
+from losbench.estimation.robust.iterate import Groups, Method, finish, iterate
 from losbench.estimation.robust.pooled import iterate_pooled
 from losbench.estimation.robust.problem import (
     Problem,
     blanked,
-    blocks,
     gram,
     read_problem,
     spd_inverse,
     times_unit,
 )
+from losbench.estimation.robust.redundancy import iterate_as_one, stands_for_all
 from losbench.estimation.robust.result import RobustFit
 from losbench.estimation.robust.scales import Scale, ScaleRule, known_scale
 
@@ -195,6 +195,9 @@ def irls(
     inverse of A'WA is corrected by Broyden's secant instead of made anew, which reaches the same
     place in about half as many steps.
 
+    A design with one row more than unknowns, such as two spots for three angles, gives all systems
+    the same weights wherever the scale is made of their residuals: IRLS is linear in y there.
+
     Examples
     --------
     >>> fit = irls(
@@ -219,22 +222,20 @@ def irls(
         else None,
     )
     choice("on_fail", on_fail, ON_FAIL)
-    start = problem.least_squares() if x0 is None else _start(problem, A, x0)
     with np.errstate(over="ignore", under="ignore"):
-        if method.scale.pooled:
-            z, n_iter, settled, method = iterate_pooled(problem, method, start)
+        if x0 is None and stands_for_all(problem, method):
+            z, n_iter, settled, left = iterate_as_one(problem, method)
         else:
-            z, n_iter, settled = iterate(problem, method, start)
-        residuals, weights, working = (
-            np.empty_like(problem.y),
-            np.empty_like(problem.y),
-            np.empty_like(problem.floor),
-        )
-        for part in blocks(*problem.y.shape):
-            residuals[part], weights[part], working[part] = _finish(
-                problem.part(part), method, z[part], part
-            )
-    converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
+            start = problem.least_squares() if x0 is None else _start(problem, A, x0)
+            if method.scale.pooled:
+                z, n_iter, settled, method = iterate_pooled(problem, method, start)
+            else:
+                z, n_iter, settled = iterate(problem, method, start)
+            left = finish(problem, method, z)
+    residuals, weights, working = left
+    converged = settled
+    if not weights.min(initial=1.0) > 0.0:
+        converged = settled & (np.count_nonzero(weights, axis=1) >= problem.rank)
     report_rank(problem, on_fail)
     _report(converged, method.max_iter, on_fail)
     # The residuals of the fit are the user's to write to, whenever the covariance is asked for.
@@ -249,16 +250,6 @@ def irls(
         scale_method=method.scale.name,
         group=None if method.groups is None else method.groups.labels,
     )
-
-
-def _finish(
-    problem: Problem, method: Method, z: Floats, part: slice
-) -> tuple[Floats, Floats, Floats]:
-    """Residuals, weights and scale at coordinates ``z``, scaled."""
-    residuals, systems = problem.residuals(z), np.arange(part.start, part.start + len(z))
-    judged = method.judged(residuals, systems)
-    scale = np.maximum(method.scale(judged, systems), problem.floor)
-    return residuals, method.loss.weights(method.scaled(judged, scale)), scale
 
 
 def _covariance(problem: Problem, method: Method, residuals: Floats, scale: Floats) -> Floats:

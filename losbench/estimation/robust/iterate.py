@@ -19,7 +19,9 @@ from losbench.estimation.losses import Loss
 from losbench.estimation.robust.problem import Problem, blocks, combine, gram, project, spd_inverse
 from losbench.estimation.robust.scales import ScaleRule
 
-__all__ = ["Groups", "Method", "iterate"]
+__all__ = ["Groups", "Left", "Method", "finish", "iterate"]
+
+Left = tuple[Floats, Floats, Floats]  # residuals (B, n), weights (B, n) and scale (B,), scaled
 
 
 # scales, per root of p: a step this short may be followed by a corrected one that is no longer
@@ -106,6 +108,18 @@ def iterate(problem: Problem, method: Method, start: Floats) -> tuple[Floats, In
                 )
                 pool.replace(done)
     return z, n_iter, converged
+
+
+def finish(problem: Problem, method: Method, z: Floats) -> Left:
+    """What is left at coordinates ``z`` (B, p)."""
+    residuals, weights, scale = (np.empty_like(a) for a in (problem.y, problem.y, problem.floor))
+    for part in blocks(*problem.y.shape):
+        systems = np.arange(part.start, part.stop)
+        residuals[part] = problem.part(part).residuals(z[part])
+        judged = method.judged(residuals[part], systems)
+        scale[part] = np.maximum(method.scale(judged, systems), problem.floor[part])
+        weights[part] = method.loss.weights(method.scaled(judged, scale[part]))
+    return residuals, weights, scale
 
 
 def _advance(pool: _Pool, method: Method) -> Floats:

@@ -20,6 +20,7 @@ from losbench.arrays import Bools, Floats, Indices, Ints
 from losbench.checks import finite
 
 __all__ = [
+    "ROUNDING",
     "Problem",
     "blanked",
     "blocks",
@@ -36,7 +37,7 @@ __all__ = [
 
 
 _CLOSED_FORM_COLUMNS = 3
-_ROUNDING = (
+ROUNDING = (
     16 * np.finfo(float).eps
 )  # residuals of a perfect fit stay below this part of the norm of y
 _TINY = float(np.finfo(float).tiny)
@@ -121,7 +122,7 @@ class Problem:
         """Diagonals (B, n) of the hat matrices."""
         return np.broadcast_to((self.basis**2).sum(axis=1), self.y.shape)
 
-    def part(self, systems: slice) -> Problem:
+    def part(self, systems: slice | Indices) -> Problem:
         """Some of the systems, as a flat batch."""
         own = systems if len(self.basis) > 1 else slice(None)
         y = self.y[systems]
@@ -180,7 +181,7 @@ def read_problem(A: ArrayLike, y: ArrayLike) -> Problem:
         y=right,
         y_unit=y_unit,
         x_unit=x_unit,
-        floor=np.maximum(_ROUNDING * size, _TINY),
+        floor=np.maximum(ROUNDING * size, _TINY),
         batch=batch,
     )
 

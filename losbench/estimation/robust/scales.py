@@ -130,6 +130,11 @@ class ScaleRule:
         """Whether the scale was given, not estimated."""
         return self._known is not None and not self.pooled
 
+    @property
+    def proportional(self) -> bool:
+        """Whether each scale is made of its system's residuals, and grows as they do."""
+        return self._known is None and self._call is None and not self.pooled
+
     def at(self, size: float) -> ScaleRule:
         """Return a pooled rule at the scale that it has come to, in the user's unit."""
         return ScaleRule(self.name, (), self._unit, size=size)
