@@ -88,8 +88,7 @@ class Summary:
             mean=mean,
             low=low,
             high=high,
-            # Not by BLAS, whose last bit may depend on how many threads it has.
-            products=np.einsum("ik,jk->ij", deviations, deviations),
+            products=_products(deviations),
             centre=centre,
             spread=spread,
             counts=_histogram((kept - centre[:, None]) / spread[:, None]),
@@ -149,24 +148,34 @@ def _middle(values: Floats) -> tuple[Floats, Floats]:
     centre = np.partition(values, half, axis=1)[:, half]
     away = np.abs(values - centre[:, None])
     spread = SIGMA_PER_MAD * np.partition(away, half, axis=1)[:, half]
-    spread = np.where(spread > 0, spread, values.std(axis=1))
+    if not (spread > 0).all():
+        spread = np.where(spread > 0, spread, values.std(axis=1))
     return centre, np.where(spread > 0, spread, 1.0)
+
+
+def _products(rows: Floats) -> Floats:
+    """Sums (p, p) of the products of any two rows (p, n)."""
+    sums = np.empty((len(rows), len(rows)))
+    for k, row in enumerate(rows):
+        # Not by BLAS, whose last bit may depend on how many threads it has.
+        sums[k, k:] = sums[k:, k] = np.einsum("jn,n->j", rows[k:], row)
+    return sums
 
 
 def _histogram(z: Floats) -> NDArray[np.int64]:
     """Count each row's values in bins."""
-    end = float(1 << (_FIRST + _OCTAVES))
-    z = z.clip(-end, end)
-    place = np.floor(z * _PER_UNIT).astype(np.intp)
-    far = (place < -_EQUAL) | (place >= _EQUAL)
+    place = np.floor(z * _PER_UNIT)
+    far = (z < -_NEAR) | (z >= _NEAR)
     if far.any():
         # The leading bits of a float are the logarithm's stairs: its exponent, then equal steps.
-        bits = np.abs(z[far]).astype(np.float32).view(np.int32) >> (_FLOAT32_BITS - _BITS)
+        size = np.abs(z[far]).clip(max=1 << (_FIRST + _OCTAVES)).astype(np.float32)
+        bits = size.view(np.int32) >> (_FLOAT32_BITS - _BITS)
         beyond = (bits - ((_FLOAT32_BIAS + _FIRST) << _BITS)).clip(0, _FAR - 1)
         place[far] = np.where(z[far] < 0, -_EQUAL - 1 - beyond, _EQUAL + beyond)
     bins = 2 * (_EQUAL + _FAR)
     place += _EQUAL + _FAR + bins * np.arange(len(z))[:, None]
-    return np.bincount(place.reshape(-1), minlength=bins * len(z)).reshape(len(z), bins)
+    counts = np.bincount(place.astype(np.intp).reshape(-1), minlength=bins * len(z))
+    return counts.reshape(len(z), bins)
 
 
 def _edges() -> Floats:

@@ -77,7 +77,9 @@ class Problem:
 
     def residuals(self, z: Floats) -> Floats:
         """Scaled residuals A x - y (B, n) at coordinates ``z`` (B, p)."""
-        return combine(z, self.basis) - self.y
+        fitted = combine(z, self.basis)
+        fitted -= self.y
+        return fitted
 
     def unknowns(self, z: Floats) -> Floats:
         """Unknowns in the user's units at coordinates ``z`` (B, p)."""
@@ -221,12 +223,16 @@ def blocks(count: int, n: int) -> Iterator[slice]:
 
 def project(rows: Floats, vectors: Floats) -> Floats:
     """Scalar products of (B or 1, k, n) rows with (B, n) vectors: (B, k)."""
-    return vectors @ rows[0].T if len(rows) == 1 else np.einsum("bkn,bn->bk", rows, vectors)
+    if len(rows) == 1:
+        return vectors @ np.ascontiguousarray(rows[0].T)  # twice as fast as by a transposed view
+    return np.einsum("bkn,bn->bk", rows, vectors)
 
 
 def combine(coefficients: Floats, rows: Floats) -> Floats:
     """Sums of (B or 1, k, n) rows times (B, k) coefficients: (B, n)."""
-    return coefficients @ rows[0] if len(rows) == 1 else np.einsum("bk,bkn->bn", coefficients, rows)
+    if len(rows) == 1:
+        return coefficients @ np.ascontiguousarray(rows[0])
+    return np.einsum("bk,bkn->bn", coefficients, rows)
 
 
 def products(basis: Floats) -> Floats:
