@@ -24,6 +24,8 @@ from itertools import islice
 from typing import Any, TypeVar
 from uuid import uuid4
 
+import numpy as np
+
 __all__ = ["IN_FLIGHT", "spread"]
 
 IN_FLIGHT = 16  # tasks handed out at a time: memory stays bounded, and workers have a next one
@@ -34,6 +36,7 @@ _TRIP_S, _MOST = 0.25, 64  # a task of several chunks takes no longer, and holds
 _PLACE = "_losbench_place"
 _LARGE = 2**14  # bytes of pickled work that are packed once, not for every task
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's mallopt
+_REUSED = 2**24  # bytes of the largest array whose memory is kept for the next
 
 
 def spread(
@@ -81,6 +84,7 @@ def spread(
 def _one_by_one(
     work: Callable[..., Result], jobs: Iterable[Job], named: Callable[..., str]
 ) -> Iterator[Result]:
+    _keep_memory()
     for job in jobs:
         with _naming(named, job):
             result = work(*job)
@@ -198,8 +202,20 @@ def _unpacked(packed: _Packed) -> _Elsewhere:
 
 
 @cache
+def _keep_memory() -> None:
+    """Once a process: reuse the memory of arrays that come and go.
+
+    What a job has freed glibc hands back to the system, and maps anew for the next, page by page,
+    which may take as long as the job; unless it has seen a larger array freed. This is one, of
+    which no page is touched. It changes nothing where thresholds are set by the user.
+    """
+    np.empty(_REUSED, np.uint8)
+
+
+@cache
 def _settle_in() -> None:
     """Once a process: keep memory that is used again, and end when the parent ends."""
+    _keep_memory()
     parent = multiprocessing.parent_process()
     # A fresh process hands every array above 128 kB back to the system and maps the next one anew,
     # page by page: up to double the processor time. Dask's workers ask for it by this variable.

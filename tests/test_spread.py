@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import pickle
+import platform
 import signal
 import subprocess
 import sys
@@ -221,6 +222,37 @@ def test_the_allocator_is_set_in_workers_alone(monkeypatch, pooled, variable, ex
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", variable)
     spread_module._settle_in.__wrapped__()
     assert calls == expected
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's own")
+@pytest.mark.parametrize("threads", [False, True])
+def test_memory_of_arrays_that_come_and_go_is_mapped_once(threads):
+    """Eight arrays of a megabyte to a job are 2048 pages, of which each is a fault if it is new."""
+    code = """
+        import resource
+        from concurrent.futures import ThreadPoolExecutor
+        from contextlib import nullcontext
+
+        import numpy as np
+
+        from losbench.spread import spread
+
+        def job(k):
+            return len([np.ones(2**17) for _ in range(8)])
+
+        def faults():
+            return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+
+        with ThreadPoolExecutor(1) if THREADS else nullcontext() as executor:
+            list(spread(job, [(k,) for k in range(5)], executor=executor, named=str))
+            before = faults()
+            list(spread(job, [(k,) for k in range(50)], executor=executor, named=str))
+            print(faults() - before)
+    """.replace("THREADS", str(threads))
+    environment = {name: value for name, value in os.environ.items() if "MALLOC" not in name}
+    command = [sys.executable, "-c", textwrap.dedent(code)]
+    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    assert int(done.stdout) < 2 * 2048
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills a process as POSIX does")
