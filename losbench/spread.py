@@ -16,6 +16,7 @@ import time
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
@@ -33,6 +34,7 @@ IN_FLIGHT = 16  # tasks handed out at a time: memory stays bounded, and workers 
 Result = TypeVar("Result")
 Job = tuple[Any, ...]
 _TRIP_S, _MOST = 0.25, 64  # a task of several chunks takes no longer, and holds no more
+_FIRST, _GROWTH = 4, 4  # tasks that tell how long a chunk takes, and how fast others grow from them
 _PLACE = "_losbench_place"
 _LARGE = 2**14  # bytes of pickled work that are packed once, not for every task
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's mallopt
@@ -54,7 +56,7 @@ def spread(
         For processes it must pickle: a function of a module, or a `functools.partial` of one.
     jobs : iterable of tuple
         Taken as they are needed, `IN_FLIGHT` tasks ahead: of one job each or, where jobs take less
-        than a quarter of a second, of several.
+        than a quarter of a second, of several. The first four tell which.
     executor : optional
         Who works; None: this thread.
     named : callable
@@ -95,23 +97,40 @@ def _in_flight(
     work: _Elsewhere, jobs: Iterable[Job], executor: Any, named: Callable[..., str]
 ) -> Iterator[Any]:
     """Hand out one job at a time, or of short ones as many as are worth a trip."""
-    waiting, flying, many = iter(jobs), deque[tuple[list[Job], Any]](), 1
+    waiting, flying = iter(jobs), deque[tuple[list[Job], Any]]()
+    many, ahead = 1, _FIRST
     try:
         while True:
-            while len(flying) < IN_FLIGHT and (batch := list(islice(waiting, many))):
+            while len(flying) < ahead and (batch := list(islice(waiting, many))):
                 with _naming(named, *batch):
                     flying.append((batch, executor.submit(work.each, batch)))
             if not flying:
                 return
+            if ahead < IN_FLIGHT:
+                # A trip may cost as much as a short job: few travel alone to tell that they are.
+                ahead = IN_FLIGHT
+                if not _is_back(flying[0][1]):
+                    continue
             batch, future = flying.popleft()
             with _naming(named, *batch):
                 results, seconds = future.result()
             yield from results
             worth = int(len(batch) * _TRIP_S / max(seconds, 1e-9))
-            many = max(1, min(worth, 2 * len(batch), _MOST))
+            many = max(1, min(worth, _GROWTH * len(batch), _MOST))
     finally:
         for _, future in flying:
             future.cancel()
+
+
+def _is_back(future: Any) -> bool:
+    """Whether a task ends, well or not, before jobs in it would be called long."""
+    try:
+        future.exception(_TRIP_S)
+    except TimeoutError:
+        return False
+    except CancelledError:
+        pass
+    return True
 
 
 def _mapped(

@@ -8,8 +8,9 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
@@ -100,6 +101,62 @@ def test_short_jobs_travel_together_and_long_ones_alone():
     sizes.clear()
     list(spread(time.sleep, [(0.26,)] * 20, executor=Counting(), named=named))
     assert sizes == [1] * 20
+
+
+class AtOnce:
+    """An executor whose tasks are done as they are handed out, and their sizes."""
+
+    def __init__(self):
+        self.sizes = []
+
+    def submit(self, work, jobs):
+        self.sizes.append(len(jobs))
+        future = Future()
+        try:
+            future.set_result(work(jobs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def test_four_tasks_tell_how_many_short_jobs_travel_together():
+    executor = AtOnce()
+    jobs = ((x,) for x in range(1500))
+    assert list(spread(abs, jobs, executor=executor, named=named)) == [*range(1500)]
+    assert executor.sizes[:36] == [1] * 4 + [4] * 16 + [16] * 16
+    assert set(executor.sizes[36:-1]) == {64} and sum(executor.sizes) == 1500
+
+
+def test_long_jobs_are_all_out_before_the_first_is_back():
+    """Eight of them wait for one another, and four tell of their length."""
+    together = threading.Barrier(8, timeout=30)
+    with ThreadPoolExecutor(8) as executor:
+        places = spread(
+            lambda _: together.wait(), [(x,) for x in range(8)], executor=executor, named=named
+        )
+        assert sorted(places) == [*range(8)]
+
+
+@pytest.mark.parametrize("error", [TimeoutError, CancelledError, OSError])
+def test_a_failure_of_the_very_first_job_is_named(error):
+    def late(x):
+        raise error("no luck")
+
+    with pytest.raises(error, match="no luck") as failed:
+        list(spread(late, [(3,), (4,)], executor=AtOnce(), named=named))
+    assert failed.value.__notes__ == ["in chunk 3"]
+
+
+def test_a_first_job_that_somebody_cancelled_is_named():
+    class Cancelling:
+        def submit(self, work, jobs):
+            future = Future()
+            future.cancel()
+            return future
+
+    with pytest.raises(CancelledError) as failed:
+        list(spread(abs, [(3,)], executor=Cancelling(), named=named))
+    assert failed.value.__notes__ == ["in chunk 3"]
 
 
 class Numbers(list):
