@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Bools, Floats, Pixels
+from losbench.arrays import Bools, Floats, Indices, Pixels
 from losbench.checks import number, odd
 from losbench.imaging.ranks import CLIPPED, noise_above_black
 from losbench.imaging.stamps import RING, ring_places
@@ -70,12 +70,9 @@ class Plane:
 
     def off(self, raw: Pixels) -> Pixels:
         """Stamps (M, S, S) without the plane."""
-        offset = np.arange(raw.shape[1]) - raw.shape[1] // 2
-        down = (self.level[:, None] + self.slope[:, 1:] * offset).astype(raw.dtype)
-        signal: Pixels = raw - down[:, :, None]
-        if self.slope.any():
-            signal -= (self.slope[:, :1] * offset).astype(raw.dtype)[:, None, :]
-        return signal
+        parts = np.column_stack([self.level, self.slope]).astype(raw.dtype)
+        off: Pixels = raw - (parts @ _lever(raw.shape[1], raw.dtype)).reshape(raw.shape)
+        return off
 
     def at(self, xy: Floats) -> Floats:
         """Background (M,) at the places (M, 2)."""
@@ -194,25 +191,38 @@ class Level:
 class _Geometry:
     """What is multiplied with the readings (R, p) of a ring.
 
-    ``basis`` is 1, x and y, the last two over ``reach``; ``solve`` gives the plane, and how much
-    brighter the innermost pixels are than the outermost.
+    ``basis`` is 1, x and y, the last two over ``reach``, and ``squares`` the products of two;
+    ``solve`` gives the plane, and how much brighter the innermost pixels are than the outermost.
+    ``variance`` (4,) is what all that has of the scatter squared.
     """
 
     reach: float
-    basis: Floats
-    solve: Floats
-    inverse: Floats
+    basis: Pixels
+    squares: Pixels
+    solve: Pixels
+    variance: Floats
+
+
+@lru_cache(maxsize=8)
+def _lever(size: int, dtype: np.dtype[np.floating[Any]]) -> Pixels:
+    """1, x and y (3, S * S) of the pixels of a stamp, counted from its middle."""
+    y, x = (each.ravel() - size // 2 for each in np.indices((size, size)))
+    return np.stack([np.ones(len(x)), x, y]).astype(dtype)
 
 
 @cache
-def _geometry(side: int) -> _Geometry:
+def _geometry(side: int, dtype: np.dtype[np.floating[Any]]) -> _Geometry:
     x, y = ring_places(side)
     reach, edge = float(side // 2 + RING), np.maximum(abs(x), abs(y))
     basis = np.stack([np.ones(len(x)), x / reach, y / reach], axis=-1)
+    first, second = np.triu_indices(3)
+    squares = basis[:, first] * basis[:, second]
     inner, outer = edge == side // 2 + 1, edge == side // 2 + RING
     share = inner / inner.sum() - outer / outer.sum()
-    inverse = np.linalg.inv(basis.T @ basis)
-    return _Geometry(reach, basis, np.column_stack([basis @ inverse, share]), inverse)
+    solve = np.column_stack([basis @ np.linalg.inv(basis.T @ basis), share])
+    variance = (solve**2).sum(axis=0)
+    basis, squares, solve = (part.astype(dtype) for part in (basis, squares, solve))
+    return _Geometry(reach, basis, squares, solve, variance)
 
 
 def fit_ring(ring: Pixels, side: int) -> Plane:
@@ -234,24 +244,25 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     median, then from the plane, so that a neighbour or a hot pixel in the ring does not tilt it. An
     untreated slope g moves a centroid by g N^4 / (12 (F - N S_edge)).
     """
-    geometry = _geometry(side)
-    basis, solve = geometry.basis.astype(ring.dtype), geometry.solve.astype(ring.dtype)
+    geometry = _geometry(side, ring.dtype)
+    basis = geometry.basis
     level = np.where(
         np.isfinite(ring[:, 0]), ring[:, 0], 0.0
     )  # any will do: small numbers lose less of their digits
     ring -= level[:, None]
-    solved = ring @ solve
+    solved = ring @ geometry.solve
     residual = ring - solved[:, :3] @ basis.T
     square = residual * residual
     squares = np.einsum("mr,mr->m", residual, residual).astype(np.float64)
     scatter = np.sqrt(squares / (len(basis) - 3.0))
     lopsided = np.abs(np.einsum("mr,mr->m", square, residual)) > _LOPSIDED * len(basis) * scatter**3
     even = (square.max(axis=1) <= (_STANDS_OUT * scatter) ** 2) & ~lopsided
-    variance = np.broadcast_to(np.diagonal(geometry.inverse), (len(ring), 3)).copy()
+    variance = np.full((len(ring), 3), geometry.variance[:3])
     solved = solved.astype(np.float64)
     fit = _Fit(solved[:, :3], variance, scatter, solved[:, 3], np.zeros(len(ring)))
-    if not even.all():
-        fit.put(~even, _clipped(ring[~even], basis, solve[:, 3]))
+    uneven = np.flatnonzero(~even)
+    if uneven.size:
+        fit.put(uneven, _clipped(ring[uneven], geometry))
     at_lowest = ring == np.fmin.reduce(ring, axis=1)[:, None]
     count = np.add.reduce(at_lowest.view(np.uint8), axis=1, dtype=np.uint32)  # fast along an axis
     black = count >= CLIPPED * len(basis)
@@ -265,7 +276,7 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
         level_variance=fit.variance[:, 0],
         slope_variance=fit.variance[:, 1:] / geometry.reach**2,
         excess=fit.excess,
-        excess_error=fit.scatter * float(np.sqrt((geometry.solve[:, 3] ** 2).sum())),
+        excess_error=fit.scatter * np.sqrt(geometry.variance[3]),
         outlier=fit.outlier,
         noise=np.fmax(fit.scatter, noise),
         clipped=noise != 0.0,
@@ -285,44 +296,46 @@ class _Fit:
     excess: Floats
     outlier: Floats
 
-    def put(self, where: Bools, part: _Fit) -> None:
+    def put(self, where: Indices, part: _Fit) -> None:
         """Replace what is ``where`` by a part."""
         self.plane[where], self.variance[where] = part.plane, part.variance
         self.scatter[where], self.excess[where] = part.scatter, part.excess
         self.outlier[where] = part.outlier
 
 
-def _clipped(values: Pixels, basis: Pixels, share: Pixels) -> _Fit:
+def _clipped(values: Pixels, geometry: _Geometry) -> _Fit:
     """Plane in two passes, each without the pixels beyond three sigma of what was known before."""
     middle, scatter = _median_and_scatter(values[:, ::4])
     values -= middle[:, None]
     present = np.isfinite(values)
     if not present.all():
         values[~present] = 0.0
-    fit = _kept(values, present & (np.abs(values) <= _CLIP * scatter[:, None]), basis)
-    residual = values - fit.plane.astype(values.dtype) @ basis.T
-    near = np.abs(residual) <= _CLIP * fit.scatter.astype(values.dtype)[:, None]
-    fit = _kept(values, present & near, basis)
-    fit.plane[:, 0] += middle
-    with np.errstate(divide="ignore", invalid="ignore"):
-        outlier = np.nan_to_num((np.abs(residual) * present).max(axis=1) / fit.scatter)
-    return replace(fit, excess=(values @ share).astype(np.float64), outlier=outlier)
+    near = present & (np.abs(values) <= _CLIP * scatter[:, None])
+    plane, _, scatter = _kept(values, near, geometry)
+    apart = np.abs(values - plane.astype(values.dtype) @ geometry.basis.T)
+    near = present & (apart <= _CLIP * scatter.astype(values.dtype)[:, None])
+    plane, variance, scatter = _kept(values, near, geometry)
+    plane[:, 0] += middle
+    worst = (apart * present).max(axis=1)
+    outlier = np.divide(worst, scatter, out=np.zeros(len(worst)), where=scatter > 0)
+    excess = (values @ geometry.solve[:, 3]).astype(np.float64)
+    return _Fit(plane, variance, scatter, excess, outlier)
 
 
-def _kept(values: Pixels, keep: Bools, basis: Pixels) -> _Fit:
-    """Least-squares plane through the kept pixels of each spot."""
-    one, x, y = basis.T
+def _kept(values: Pixels, keep: Bools, geometry: _Geometry) -> tuple[Floats, Floats, Floats]:
+    """Least-squares plane (M, 3) through the kept pixels of each spot, the variances of its parts,
+    and the scatter (M,) about it.
+    """
     kept = keep.astype(values.dtype)
-    sums = (kept @ np.stack([one, x, y, x * x, x * y, y * y], axis=-1)).astype(np.float64)
+    sums = (kept @ geometry.squares).astype(np.float64)
+    sums[sums[:, 0] == 0] = np.nan  # nothing is known of an empty ring
     inverse = inverse_normal(sums)
     kept *= values
-    moments = (kept @ basis).astype(np.float64)
+    moments = (kept @ geometry.basis).astype(np.float64)
     plane = np.einsum("mij,mj->mi", inverse, moments)
     squares = np.einsum("mr,mr->m", kept, values) - np.einsum("mi,mi->m", plane, moments)
     scatter = np.sqrt(np.maximum(squares, 0.0) / np.maximum(sums[:, 0] - 3.0, 1.0) / _KEPT_VARIANCE)
-    empty = sums[:, 0] == 0
-    plane[empty], scatter[empty] = np.nan, np.nan
-    return _Fit(plane, np.diagonal(inverse, axis1=1, axis2=2), scatter, scatter, scatter)
+    return plane, np.diagonal(inverse, axis1=1, axis2=2), scatter
 
 
 def _median_and_scatter(values: Pixels) -> tuple[Pixels, Pixels]:

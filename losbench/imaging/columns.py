@@ -19,7 +19,7 @@ from losbench.arrays import Floats, Indices, Pixels
 __all__ = ["Drawing", "Sums", "Templates"]
 
 
-_SQUARE_ROOT_2_PI = np.sqrt(2.0 * np.pi)
+_SQUARE_ROOT_2_PI = float(np.sqrt(2.0 * np.pi))
 # The template, its slopes by x and y, and those by the logarithms of its widths: which profile each
 # is along x and along y; 0 the light, 1 its slope by the place, 2 its slope by the width.
 _ALONG_X, _ALONG_Y = (0, 1, 0, 2, 0), (0, 0, 1, 0, 2)
@@ -35,15 +35,15 @@ def _below(at: Pixels, bell: Pixels) -> Pixels:
     if at.dtype != np.float32:
         return np.asarray(ndtr(at))
     t = np.abs(at)
-    t *= np.float32(_SLOPE)
-    t += np.float32(1.0)
+    t *= _SLOPE
+    t += 1.0
     np.reciprocal(t, out=t)
-    tail = t * np.float32(_TERMS[0])
+    tail: Pixels = t * _TERMS[0]
     for term in _TERMS[1:]:
-        tail += np.float32(term)
+        tail += term
         tail *= t
     tail *= bell
-    return np.where(at > 0, np.float32(1.0) - tail, tail)
+    return np.abs((at > 0) - tail)
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,15 @@ class Drawing(Protocol):
 
 @dataclass(frozen=True)
 class _Order:
-    """How many columns, and where their products stand among the products of profiles."""
+    """Which profiles are multiplied, and where in the flat table of their sums over rows and
+    columns those of two columns (p, p) stand, and those of a column and 1, x and y (p, 3); and
+    where those of a column and the reading (p,) do in theirs.
+    """
 
-    columns: int
     pairs: tuple[tuple[int, int], ...]
-    product: tuple[Indices, Indices]
-    single: tuple[Indices, Indices]
-    lever: tuple[tuple[Indices, Indices], ...]
+    product: Indices
+    plane: Indices
+    single: Indices
 
 
 @cache
@@ -91,9 +93,9 @@ def _order(free: bool) -> _Order:
     def table(kind: Indices) -> Indices:
         return np.array([[place[min(i, j), max(i, j)] for j in kind] for i in kind])
 
-    one, far = len(pairs), len(pairs) + kinds
-    lever = ((y + one, x + one), (y + one, x + far), (y + far, x + one))
-    return _Order(count, pairs, (table(y), table(x)), (y, x), lever)
+    one, far, arms = len(pairs), len(pairs) + kinds, len(pairs) + 2 * kinds
+    down, right = np.stack([y + one, y + one, y + far], 1), np.stack([x + one, x + far, x + one], 1)
+    return _Order(pairs, arms * table(y) + table(x), arms * down + right, kinds * y + x)
 
 
 @dataclass(frozen=True)
@@ -111,23 +113,26 @@ class Templates:
         cls, side: int, centre: Floats, width: Floats, dtype: DTypeLike, *, free: bool
     ) -> Templates:
         """Integrate Gaussians over the pixels of windows of that side."""
-        sigma = width.astype(dtype)[:, :, None]
-        edges = (np.arange(side + 1) - side / 2 - centre[:, :, None]).astype(dtype) / sigma
-        bell = np.exp(-0.5 * edges * edges) / np.asarray(_SQUARE_ROOT_2_PI, dtype)
+        # With the spots last, as many as there are lie side by side.
+        middle, sigma = (np.ascontiguousarray(each.T)[:, None] for each in (centre, width))
+        sigma = sigma.astype(dtype)
+        edges = ((np.arange(side + 1) - side / 2)[:, None] - middle).astype(dtype) / sigma
+        bell = np.exp(-0.5 * edges * edges) / _SQUARE_ROOT_2_PI
         profiles = np.empty((len(centre), 2, 3 if free else 2, side), dtype)
+        lines = profiles.transpose(2, 1, 3, 0)
         light = _below(edges, bell)
-        np.subtract(light[..., 1:], light[..., :-1], out=profiles[:, :, 0])
-        np.subtract(bell[..., :-1], bell[..., 1:], out=profiles[:, :, 1])
-        profiles[:, :, 1] /= sigma
+        np.subtract(light[:, 1:], light[:, :-1], out=lines[0])
+        np.divide(bell[:, :-1] - bell[:, 1:], sigma, out=lines[1])
         if free:
             bell *= edges
-            np.subtract(bell[..., :-1], bell[..., 1:], out=profiles[:, :, 2])
+            np.subtract(bell[:, :-1], bell[:, 1:], out=lines[2])
         return cls(profiles)
 
     @property
     def light(self) -> Pixels:
         """Light in each pixel, (M, S, S)."""
-        light: Pixels = self.profiles[:, 1, 0, :, None] * self.profiles[:, 0, 0, None, :]
+        # In half the time of a product by broadcasting.
+        light: Pixels = np.einsum("mi,mj->mij", self.profiles[:, 1, 0], self.profiles[:, 0, 0])
         return light
 
     def sums(self, reading: Pixels, weight: Pixels | None) -> Sums:
@@ -145,10 +150,13 @@ class Templates:
             table = total[:, 1, :, None] * total[:, 0, None, :]
         else:
             reading = reading * weight
-            table = arms[:, 1] @ (weight @ arms[:, 0].swapaxes(1, 2))
-        seen = self.profiles[:, 1] @ (reading @ self.profiles[:, 0].swapaxes(1, 2))
+            # Rows first: BLAS takes three times as long to multiply a window by turned profiles.
+            table = arms[:, 1] @ weight @ arms[:, 0].swapaxes(1, 2)
+        seen = self.profiles[:, 1] @ reading @ self.profiles[:, 0].swapaxes(1, 2)
+        table = table.astype(np.float64).reshape(count, arms.shape[2] ** 2)
+        seen = seen.astype(np.float64).reshape(count, kinds**2)
         return Sums(
-            table[:, *order.product].astype(np.float64),
-            seen[:, *order.single].astype(np.float64),
-            np.stack([table[:, *place] for place in order.lever], axis=-1).astype(np.float64),
+            table.take(order.product, axis=1),
+            seen.take(order.single, axis=1),
+            table.take(order.plane, axis=1),
         )

@@ -65,7 +65,7 @@ class Group:
         pixels = len(self.frame) * (self.engine.ring + 2 * RING) ** 2
         # Alike in size: a block of a few spots that are left over takes half the time of a whole.
         blocks = max(1, round(pixels / _BLOCK_PIXELS))
-        ends = np.linspace(0, len(self.frame), blocks + 1).astype(int)
+        ends = len(self.frame) * np.arange(blocks + 1) // blocks
         for begin, end in pairwise(ends.tolist()):
             frame, spot = self.frame[begin:end], self.spot[begin:end]
             number = self.numbers[spot]

@@ -99,12 +99,10 @@ def in_frame(stack: NDArray[Any], places: Floats) -> tuple[Indices, Indices, Ind
     """Frame number, spot number and nearest pixel of the places that are not NaN and lie within
     their frame.
     """
-    nearest = np.rint(np.nan_to_num(places, nan=-1.0)).clip(-1, 2**31).astype(np.intp)
-    inside = ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=-1) & ~np.isnan(places).any(
-        axis=-1
-    )
+    nearest = np.rint(places)
+    inside = ((nearest >= 0) & (nearest < stack.shape[:0:-1])).all(axis=-1)  # NaN is not
     frame, spot = np.nonzero(inside)
-    return frame, spot, nearest[inside]
+    return frame, spot, nearest[inside].astype(np.intp)
 
 
 def evenly(count: int, most: int) -> Indices:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from losbench.arrays import Bools, Floats, Indices, Ints, Pixels
@@ -53,6 +55,11 @@ class Windows:
     leave: float = 1.0
     healed: Pixels | None = None
     spot: Indices | None = None
+
+    @cached_property
+    def inner(self) -> Pixels:
+        """Signal without the margin, in a row: made once."""
+        return np.ascontiguousarray(self.signal[:, 1:-1, 1:-1])
 
     def of(self, some: NDArray[Any] | slice) -> Windows:
         """Return some of the windows."""

@@ -79,16 +79,15 @@ class Looked:
 
 def asks(windows: Windows, found: Estimate) -> Bools:
     """Whether a pixel stands out of the template, or of the light on the spot's other side (M,)."""
-    pixels = windows.signal
     share: float | Pixels
     if found.width is not None:
-        pixels = pixels[:, 1:-1, 1:-1]
+        pixels = windows.inner
         at = Templates.of(windows.side, found.centroid, found.width, pixels.dtype, free=False)
         light = at.light
         light *= found.flux.astype(light.dtype)[:, None, None]
         rest, share, times = pixels - light, _MODEL, 1.0
     else:
-        centre = np.where(np.isfinite(found.centroid), found.centroid, 0.0)
+        pixels, centre = windows.signal, np.where(np.isfinite(found.centroid), found.centroid, 0.0)
         light = turned(pixels, centre)
         rest, share, times = pixels - light, _turned_share(pixels, centre, found.flux), 2.0
         np.maximum(light, pixels, out=light)
@@ -176,7 +175,7 @@ def unexplained(windows: Windows, fit: TemplateFit, kept: Pixels | None = None) 
     """Share of the light of M windows that a template does not explain and noise does not either:
     the root of max(sum r^2 - sum V, 0) over sum m^2.
     """
-    pixels = windows.signal[:, 1:-1, 1:-1]
+    pixels = windows.inner
     weight = 1.0 if kept is None else kept[:, 1:-1, 1:-1]
     model = _model(windows, fit, 0)
     variance = _variance(model, windows.noise, 0.0)

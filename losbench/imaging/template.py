@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -41,10 +42,12 @@ _SURE = 5.0  # sigma
 _RIDGE = 1e-9  # of a unit diagonal
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 # Which entries of a 3 x 3 matrix, row by row, make up its cofactors: ab - cd.
-_MINOR = [
-    (3 * rows[:, None] + columns).ravel()
-    for rows, columns in ((_NEXT, _NEXT), (_LAST, _LAST), (_NEXT, _LAST), (_LAST, _NEXT))
-]
+_MINORS = np.array(
+    [
+        (3 * rows[:, None] + columns).ravel()
+        for rows, columns in ((_NEXT, _NEXT), (_LAST, _LAST), (_NEXT, _LAST), (_LAST, _NEXT))
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,7 @@ def fit_template(
         A fit that leaves the middle of its window by more than ``windows.leave`` stops before, not
         converged.
     """
-    pixels, width = windows.signal[:, 1:-1, 1:-1], windows.width.copy()
+    pixels, width = windows.inner, windows.width.copy()
     kept = None if windows.kept is None else windows.kept[:, 1:-1, 1:-1]
     count, side = len(pixels), pixels.shape[1]
     first = pixels if kept is None else pixels * kept
@@ -146,10 +149,10 @@ def fit_template(
         seen = None if kept is None else kept[some]
         noise = PixelNoise(floor[some], per_dn, plane[some])
         step = _scoring(at, pixels[some], seen, flux[some], noise, equal)
-        move = np.clip(step.others[:, :2], -_LONGEST_STEP, _LONGEST_STEP)
+        move = step.others[:, :2].clip(-_LONGEST_STEP, _LONGEST_STEP)
         centre[some] += move
         flux[some], variance[some] = step.flux, step.variance
-        square = np.einsum("mi,mi->m", move, move)
+        square = np.vecdot(move, move)
         if free:
             wider = np.clip(step.others[:, 2:], -_WIDEST_STEP, _WIDEST_STEP) * width[some]
             width[some] = np.clip(width[some] + wider, _NARROWEST, side)
@@ -202,16 +205,18 @@ def _relative(at: Drawing, floor: Floats, unit: Floats) -> Pixels:
 
 def _inverse(normal: Floats) -> Floats:
     """Inverse of M symmetric normal matrices, each brought to a unit diagonal first."""
-    scale = np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
-    scale = np.where(scale > 0, scale, 1.0)
-    scale = scale[:, :, None] * scale[:, None, :]
-    unit = normal / scale + _RIDGE * np.eye(normal.shape[1])
-    if normal.shape[1] > 3:
-        return np.asarray(np.linalg.inv(unit), dtype=np.float64) / scale
-    entry = unit.reshape(-1, 9)
-    adjugate = entry[:, _MINOR[0]] * entry[:, _MINOR[1]] - entry[:, _MINOR[2]] * entry[:, _MINOR[3]]
-    determinant = np.einsum("mi,mi->m", entry[:, :3], adjugate[:, :3])
-    return adjugate.reshape(-1, 3, 3) / (determinant[:, None, None] * scale)
+    entry = np.ascontiguousarray(normal.T)  # with the windows last, as many lie side by side
+    scale = np.sqrt(np.einsum("iim->im", entry))
+    scale[~(scale > 0)] = 1.0
+    scale = scale[:, None] * scale
+    unit = entry / scale + _RIDGE * np.eye(len(entry))[:, :, None]
+    if len(unit) > 3:
+        return np.asarray(np.linalg.inv(unit.T) / scale.T, dtype=np.float64)
+    flat = unit.reshape(9, len(normal))
+    a, b, c, d = flat[_MINORS]
+    adjugate = a * b - c * d
+    determinant = (flat[:3] * adjugate[:3]).sum(axis=0)
+    return (adjugate.reshape(unit.shape) / (determinant * scale)).T
 
 
 def _misfits(fit: TemplateFit, windows: Windows) -> Bools:
@@ -220,29 +225,31 @@ def _misfits(fit: TemplateFit, windows: Windows) -> Bools:
 
     There a wrong width or shape shows.
     """
-    side, noise = windows.side, windows.noise
-    borders = np.array([0, side // 4])
-    inside = (np.arange(side) >= borders[:, None]) & (np.arange(side)[::-1] >= borders[:, None])
-    share = inside[:, :, None] & inside[:, None, :]
-    pixels = windows.signal[:, 1:-1, 1:-1]
+    side, noise, pixels = windows.side, windows.noise, windows.inner
+    half, middles = _middles(side, pixels.dtype)
     if windows.kept is not None:
         pixels = pixels * windows.kept[:, 1:-1, 1:-1]
     pixels = pixels.reshape(-1, side * side)
-    total = (pixels @ share.reshape(2, -1).T.astype(pixels.dtype)).astype(np.float64)
-    half, count = side / 2 - borders, (side - 2 * borders) ** 2
-    end = np.stack([half, -half])[:, :, None, None]
+    total = (pixels @ middles).astype(np.float64).T
     if windows.kept is None:
-        upper, lower = ndtr((end - fit.centre) / fit.width)
-        held = fit.flux * np.prod(upper - lower, axis=2)
+        ends = np.array([half, -half])[:, :, None, None]
+        upper, lower = ndtr((ends - fit.centre) / fit.width)
+        held = fit.flux * (upper - lower).prod(axis=2)
     else:
         at = Templates.of(side, fit.centre, fit.width, pixels.dtype, free=False)
         seen = (at.light * windows.kept[:, 1:-1, 1:-1]).reshape(-1, side * side)
-        held = fit.flux * (seen @ share.reshape(2, -1).T.astype(pixels.dtype)).T
-    variance = (
-        count[:, None] * noise.floor
-        + noise.per_dn * np.maximum(total.T, 0.0)
-        + count[:, None] ** 2 * noise.plane[:, 0]
-    )
+        held = fit.flux * (seen @ middles).T
+    count = 4.0 * half[:, None] ** 2
+    variance = count * noise.floor + noise.per_dn * np.maximum(total, 0.0)
+    variance += count**2 * noise.plane[:, 0]
     with np.errstate(invalid="ignore"):
-        apart = np.abs(held - total.T) > _MISFIT * np.abs(total.T) + _SURE * np.sqrt(variance)
+        apart = np.abs(held - total) > _MISFIT * np.abs(total) + _SURE * np.sqrt(variance)
     return apart.any(axis=0)
+
+
+@lru_cache(maxsize=8)
+def _middles(side: int, dtype: np.dtype[np.floating[Any]]) -> tuple[Floats, Pixels]:
+    """Half of the side (2,) of a window and of its middle, and their pixels (S * S, 2)."""
+    half = side / 2 - np.array([0, side // 4])
+    inside = np.abs(np.arange(side) - side // 2)[:, None] < half
+    return half, (inside[:, None] & inside).reshape(-1, 2).astype(dtype)
