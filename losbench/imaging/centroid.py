@@ -142,7 +142,7 @@ def centroid(
     result = Measured.nothing(places.shape[:2])
     for group in groups:
         group.measure(stack, width[group.numbers], result)
-    result.flags[_crowded(places, sides)] |= SpotFlag.NEIGHBOUR
+    result.flags[:] |= _crowded(places, sides) * SpotFlag.NEIGHBOUR
     if isinstance(known, Gain) and not known.known:
         result.flags[np.isfinite(result.xy[..., 0])] |= SpotFlag.LOWER_BOUND
     if chosen.smooth is not None:
@@ -204,22 +204,22 @@ def window_path(
 
 
 def _crowded(places: Floats, sides: Ints) -> Bools:
-    """Spots (F, n) with another start within one window (n,), theirs or that of the other."""
-    if places.shape[1] == 1:
-        return np.zeros(places.shape[:2], dtype=bool)
+    """Spots (F, n) with another start within one window (n,), theirs or that of the other; (1, n)
+    where all frames have the same starts.
+    """
+    places = places if places.strides[0] else places[:1]
+    crowded = np.zeros(places.shape[:2], dtype=bool)
+    if len(sides) == 1:
+        return crowded
     from scipy.spatial import cKDTree
 
-    if not places.strides[0]:  # the same in all frames
-        return np.broadcast_to(_crowded(places[:1].copy(), sides), places.shape[:2])
-    seen = np.isfinite(places).all(axis=-1)
-    frame, spot = np.nonzero(seen)
-    apart = 2.0 * sides.max() * frame  # frames lie above each other, out of reach
-    points = np.column_stack([places[seen], apart])
-    crowded = np.zeros(seen.shape, dtype=bool)
+    frame, spot = np.nonzero(np.isfinite(places).all(axis=-1))
+    widest = sides.max()
+    above = 2.0 * widest * frame  # frames lie above each other, out of reach
+    points = np.column_stack([places[frame, spot], above])
     tree = cKDTree(points, compact_nodes=False, balanced_tree=False)
-    near = np.zeros(len(points), dtype=bool)
-    for side in np.unique(sides).tolist():
-        pairs = tree.query_pairs(np.nextafter(side, 0.0), output_type="ndarray")
-        near[pairs[(sides[spot[pairs]] == side).any(axis=1)]] = True
-    crowded[seen] = near
+    pairs = tree.query_pairs(widest, output_type="ndarray")
+    apart = points[pairs[:, 0]] - points[pairs[:, 1]]
+    near = pairs[np.vecdot(apart, apart) < sides[spot[pairs]].max(axis=1) ** 2]
+    crowded[frame[near], spot[near]] = True
     return crowded

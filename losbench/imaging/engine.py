@@ -119,8 +119,8 @@ class Engine:
         moved = np.where(np.isfinite(fit.centroid), fit.centroid, 0.0)
         nearest = middle + np.rint(moved).astype(np.intp)
         strayed = np.abs(nearest - start).max(axis=1) > self.window / 2
-        result.flags[strayed] |= SpotFlag.NOT_CONVERGED
         if strayed.any():
+            result.flags[strayed] |= SpotFlag.NOT_CONVERGED
             path = start[strayed], moved[strayed] + middle[strayed]
             away = captured(stack, frame[strayed], *path, cut.noise.of(strayed))
             result.flags[np.flatnonzero(strayed)[away]] |= SpotFlag.NEIGHBOUR
@@ -158,9 +158,9 @@ class Engine:
         rim = reach - self.window // 2 - (2 if gate else 1)
         raw = np.ascontiguousarray(stamps[:, rim:-rim, rim:-rim])
         signal = plane.off(raw)
-        missing = None
-        if np.isnan(stamps.max(initial=-np.inf)) and np.isnan(raw).any():
-            missing = np.isnan(raw)
+        unread = np.isnan(raw)
+        missing = unread if unread.any() else None
+        if missing is not None:
             signal[missing] = 0.0
         if gate:
             signal = gate_hot_pixels(signal, np.nan_to_num(plane.scatter))[:, 1:-1, 1:-1]

@@ -76,20 +76,19 @@ def judged(shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> 
     with np.errstate(invalid="ignore"):
         faint = ~(fit.flux > 0) | (fit.flux < _FAINTEST * fit.sigma_flux)
 
-    flags = np.zeros(len(middle), dtype=np.int64)
-    for flag, where in (
-        (SpotFlag.NOT_CONVERGED, ~fit.converged & ~holes),
-        (SpotFlag.EDGE, leaves | clipped),
-        (SpotFlag.SATURATED, cut.saturated),
-        (SpotFlag.BAD_PIXEL, n_bad > 0),
-        (SpotFlag.TOO_FAINT, faint & ~holes),
-        (SpotFlag.SLOW, fit.slow),
-        (SpotFlag.RING, _leaks(cut, level) & ~faint & ~leaves & ~clipped),
-        (SpotFlag.MISFIT, fit.misfit & ~faint & ~leaves),
-        (SpotFlag.MISSING, holes),
-        (SpotFlag.CLIPPED, cut.plane.clipped),
-    ):
-        flags[where] |= flag
+    said = {
+        SpotFlag.NOT_CONVERGED: ~fit.converged & ~holes,
+        SpotFlag.EDGE: leaves | clipped,
+        SpotFlag.SATURATED: cut.saturated,
+        SpotFlag.BAD_PIXEL: n_bad > 0,
+        SpotFlag.TOO_FAINT: faint & ~holes,
+        SpotFlag.SLOW: fit.slow,
+        SpotFlag.RING: _leaks(cut, level) & ~faint & ~leaves & ~clipped,
+        SpotFlag.MISFIT: fit.misfit & ~faint & ~leaves,
+        SpotFlag.MISSING: holes,
+        SpotFlag.CLIPPED: cut.plane.clipped,
+    }
+    flags = np.array([*said], dtype=np.int64) @ np.array([*said.values()])  # bits add up
     nowhere = (leaves | holes | faint)[:, None]
     xy = np.where(nowhere, np.nan, fit.centroid + middle)
     sigma = np.where(np.isnan(xy), np.nan, fit.sigma)

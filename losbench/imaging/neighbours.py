@@ -96,7 +96,7 @@ def dark_in_the_middle(signal: Pixels, centre: Floats, height: Floats, noise: Pi
     brightest, as between two tops: a glance.
     """
     half = signal.shape[1] // 2
-    x, y = np.rint(np.nan_to_num(centre)).astype(np.intp).clip(-half, half).T
+    x, y = np.rint(np.where(np.isfinite(centre), centre, 0.0)).astype(np.intp).clip(-half, half).T
     value = signal[np.arange(len(x)), y + half, x + half]
     dark: Bools = value < _DIP * height
     if dark.any():

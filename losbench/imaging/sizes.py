@@ -40,7 +40,7 @@ def window_sides(window: Window | None, stack: NDArray[Any], places: Floats) -> 
         raise ValueError(
             f"window must be an odd number, or one for each of {count} spots, got {window!r}"
         )
-    return np.broadcast_to(np.asarray(window, dtype=np.int64), count)
+    return np.full(count, window, dtype=np.int64)
 
 
 def default_window(frames: ArrayLike, start: ArrayLike) -> Ints:

@@ -46,7 +46,7 @@ def spot_widths(groups: Sequence[Group], stack: NDArray[Any]) -> Floats:
         return in_order(groups, [spot_fits(group, stack).widths() for group in groups])
     width = np.asarray(method.width, dtype=np.float64)
     fits = width.shape in ((), (2,), (n_spots, 2))
-    each = np.broadcast_to(width if fits else np.nan, (n_spots, 2)).copy()
+    each = np.full((n_spots, 2), width if fits else np.nan)
     for group in groups:
         window = group.engine.window
         if not (each[group.numbers] <= window).all():
