@@ -249,6 +249,10 @@ def _settle_in() -> None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
+if hasattr(os, "register_at_fork"):  # a process that is forked from a settled one is another
+    os.register_at_fork(after_in_child=_settle_in.cache_clear)
+
+
 def _end_with(parent: Any) -> None:
     parent.join()
     os._exit(1)

@@ -313,12 +313,14 @@ def test_memory_of_arrays_that_come_and_go_is_mapped_once(threads):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills a process as POSIX does")
-def test_workers_end_when_the_parent_is_killed(tmp_path):
+@pytest.mark.parametrize("before", [False, True])
+def test_workers_end_when_the_parent_is_killed(before, tmp_path):
+    """Also those of a process whose own threads have worked before it forked."""
     (tmp_path / "owner.py").write_text(
         textwrap.dedent(
             """
-            import os, pathlib, time
-            from concurrent.futures import ProcessPoolExecutor
+            import os, pathlib, sys, time
+            from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
             from losbench.spread import spread
 
             def work(k):
@@ -326,12 +328,16 @@ def test_workers_end_when_the_parent_is_killed(tmp_path):
                 time.sleep(60)
 
             if __name__ == "__main__":
+                if sys.argv[1:] == ["before"]:
+                    with ThreadPoolExecutor(1) as pool:
+                        list(spread(abs, [(0,)], executor=pool, named=str))
                 with ProcessPoolExecutor(1) as pool:
                     list(spread(work, [(0,)], executor=pool, named=str))
             """
         )
     )
-    owner = subprocess.Popen([sys.executable, "-W", "ignore", "owner.py"], cwd=tmp_path)
+    command = [sys.executable, "-W", "ignore", "owner.py", *["before"] * before]
+    owner = subprocess.Popen(command, cwd=tmp_path)
     end = time.monotonic() + 30
     while not (tmp_path / "worker").exists() or not (tmp_path / "worker").read_text():
         assert time.monotonic() < end
