@@ -191,13 +191,13 @@ class Level:
 class _Geometry:
     """What is multiplied with the readings (R, p) of a ring.
 
-    ``basis`` is 1, x and y, the last two over ``reach``, and ``squares`` the products of two;
+    ``rows`` (3, R): 1, x and y, the last two over ``reach``; ``squares``: the products of two;
     ``solve`` gives the plane, and how much brighter the innermost pixels are than the outermost.
     ``variance`` (4,) is what all that has of the scatter squared.
     """
 
     reach: float
-    basis: Pixels
+    rows: Pixels
     squares: Pixels
     solve: Pixels
     variance: Floats
@@ -214,15 +214,15 @@ def _lever(size: int, dtype: np.dtype[np.floating[Any]]) -> Pixels:
 def _geometry(side: int, dtype: np.dtype[np.floating[Any]]) -> _Geometry:
     x, y = ring_places(side)
     reach, edge = float(side // 2 + RING), np.maximum(abs(x), abs(y))
-    basis = np.stack([np.ones(len(x)), x / reach, y / reach], axis=-1)
+    rows = np.stack([np.ones(len(x)), x / reach, y / reach])
     first, second = np.triu_indices(3)
-    squares = basis[:, first] * basis[:, second]
+    squares = (rows[first] * rows[second]).T
     inner, outer = edge == side // 2 + 1, edge == side // 2 + RING
     share = inner / inner.sum() - outer / outer.sum()
-    solve = np.column_stack([basis @ np.linalg.inv(basis.T @ basis), share])
+    solve = np.column_stack([rows.T @ np.linalg.inv(rows @ rows.T), share])
     variance = (solve**2).sum(axis=0)
-    basis, squares, solve = (part.astype(dtype) for part in (basis, squares, solve))
-    return _Geometry(reach, basis, squares, solve, variance)
+    rows, squares, solve = (part.astype(dtype, order="C") for part in (rows, squares, solve))
+    return _Geometry(reach, rows, squares, solve, variance)
 
 
 def fit_ring(ring: Pixels, side: int) -> Plane:
@@ -244,18 +244,16 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     median, then from the plane, so that a neighbour or a hot pixel in the ring does not tilt it. An
     untreated slope g moves a centroid by g N^4 / (12 (F - N S_edge)).
     """
-    geometry = _geometry(side, ring.dtype)
-    basis = geometry.basis
+    geometry, count = _geometry(side, ring.dtype), ring.shape[1]
     level = np.where(
         np.isfinite(ring[:, 0]), ring[:, 0], 0.0
     )  # any will do: small numbers lose less of their digits
     ring -= level[:, None]
     solved = ring @ geometry.solve
-    residual = ring - solved[:, :3] @ basis.T
+    residual = ring - solved[:, :3] @ geometry.rows
     square = residual * residual
-    squares = np.einsum("mr,mr->m", residual, residual).astype(np.float64)
-    scatter = np.sqrt(squares / (len(basis) - 3.0))
-    lopsided = np.abs(np.einsum("mr,mr->m", square, residual)) > _LOPSIDED * len(basis) * scatter**3
+    scatter = np.sqrt(np.vecdot(residual, residual).astype(np.float64) / (count - 3.0))
+    lopsided = np.abs(np.vecdot(square, residual)) > _LOPSIDED * count * scatter**3
     even = (square.max(axis=1) <= (_STANDS_OUT * scatter) ** 2) & ~lopsided
     variance = np.full((len(ring), 3), geometry.variance[:3])
     solved = solved.astype(np.float64)
@@ -264,8 +262,8 @@ def fit_ring(ring: Pixels, side: int) -> Plane:
     if uneven.size:
         fit.put(uneven, _clipped(ring[uneven], geometry))
     at_lowest = ring == np.fmin.reduce(ring, axis=1)[:, None]
-    count = np.add.reduce(at_lowest.view(np.uint8), axis=1, dtype=np.uint32)  # fast along an axis
-    black = count >= CLIPPED * len(basis)
+    lowest = np.add.reduce(at_lowest.view(np.uint8), axis=1, dtype=np.uint32)  # fast along an axis
+    black = lowest >= CLIPPED * count
     noise = np.zeros(len(ring))
     if black.any():
         noise[black] = noise_above_black(ring[black])
@@ -312,7 +310,7 @@ def _clipped(values: Pixels, geometry: _Geometry) -> _Fit:
         values[~present] = 0.0
     near = present & (np.abs(values) <= _CLIP * scatter[:, None])
     plane, _, scatter = _kept(values, near, geometry)
-    apart = np.abs(values - plane.astype(values.dtype) @ geometry.basis.T)
+    apart = np.abs(values - plane.astype(values.dtype) @ geometry.rows)
     near = present & (apart <= _CLIP * scatter.astype(values.dtype)[:, None])
     plane, variance, scatter = _kept(values, near, geometry)
     plane[:, 0] += middle
@@ -331,9 +329,9 @@ def _kept(values: Pixels, keep: Bools, geometry: _Geometry) -> tuple[Floats, Flo
     sums[sums[:, 0] == 0] = np.nan  # nothing is known of an empty ring
     inverse = inverse_normal(sums)
     kept *= values
-    moments = (kept @ geometry.basis).astype(np.float64)
+    moments = (kept @ geometry.rows.T).astype(np.float64)
     plane = np.einsum("mij,mj->mi", inverse, moments)
-    squares = np.einsum("mr,mr->m", kept, values) - np.einsum("mi,mi->m", plane, moments)
+    squares = np.vecdot(kept, values) - np.vecdot(plane, moments)
     scatter = np.sqrt(np.maximum(squares, 0.0) / np.maximum(sums[:, 0] - 3.0, 1.0) / _KEPT_VARIANCE)
     return plane, np.diagonal(inverse, axis1=1, axis2=2), scatter
 

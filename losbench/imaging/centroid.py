@@ -157,7 +157,7 @@ def centroid(
         result.background,
         result.n_iter,
         result.flags,
-        int(sides[0]) if (sides == sides[0]).all() else sides,
+        sides if len(groups) > 1 else groups[0].engine.window,
         None if np.isnan(width).all() else width,
         result.n_bad,
         chosen,

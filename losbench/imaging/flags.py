@@ -62,11 +62,10 @@ class Cut:
 def judged(shape: tuple[int, ...], middle: Indices, cut: Cut, fit: Estimate) -> Measured:
     """Flags of windows that have come to rest."""
     level = cut.plane.at(fit.centroid)
-    at, half = fit.middle + middle, cut.window / 2
-    end = np.array(shape[::-1]) - 0.5
-    leaves = ((at - half < -0.5 - 1e-9) | (at + half > end + 1e-9)).any(axis=1)
-    reach = cut.ring // 2 + RING
-    clipped = ((middle < reach) | (middle + reach > end)).any(axis=1)
+    half = np.array(shape[::-1]) / 2
+    off = middle - (half - 0.5)  # from the middle of the frame
+    leaves = (np.abs(fit.middle + off) + cut.window / 2 > half + 1e-9).any(axis=1)
+    clipped = (np.abs(off) + cut.ring // 2 + RING > half).any(axis=1)
     holes, n_bad = np.zeros(len(middle), dtype=bool), np.zeros(len(middle), dtype=np.int64)
     if cut.missing is not None:
         unread = look(cut.missing.astype(np.float64), np.nan_to_num(fit.middle), cut.window).total

@@ -105,7 +105,7 @@ def grouped(
         As `Engine.of_stack`.
     """
     groups, on_peak = [], (method.centre or ("peak" if method.stays else "start")) == "peak"
-    for side in np.unique(sides).tolist():
+    for side in sorted({*sides.tolist()}):
         numbers = np.flatnonzero(sides == side)
         engine = Engine.of_stack(stack, method, background, side, noise, full_scale_dn)
         at = places[:, numbers]

@@ -187,16 +187,15 @@ def _scoring(
     else:
         errors = unit[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, :3]
     errors = errors + np.einsum("mij,mj->mi", (first @ sums.plane) ** 2, noise.plane)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        others = np.where(values[:, :1] > 0, values[:, 1:] / values[:, :1], 0.0)
+    light, others = values[:, :1], np.zeros_like(values[:, 1:])
+    np.divide(values[:, 1:], light, out=others, where=light > 0)
     return _Step(values[:, 0], others, errors)
 
 
 def _relative(at: Drawing, floor: Floats, unit: Floats) -> Pixels:
     """Variance (M, S, S) of pixels under templates, in units (M,) of that under all the light."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Frames without noise still need weights, though any will do.
-        flat = np.where(unit > 0, floor / unit, 1.0)
+    # Frames without noise still need weights, though any will do.
+    flat = np.divide(floor, unit, out=np.ones(len(unit)), where=unit > 0)
     light = at.light
     light *= (1.0 - flat).astype(light.dtype)[:, None, None]
     light += np.maximum(flat, 1e-6).astype(light.dtype)[:, None, None]
