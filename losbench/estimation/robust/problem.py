@@ -223,9 +223,11 @@ def blocks(count: int, n: int) -> Iterator[slice]:
 
 def project(rows: Floats, vectors: Floats) -> Floats:
     """Scalar products of (B or 1, k, n) rows with (B, n) vectors: (B, k)."""
-    if len(rows) == 1:
-        return vectors @ np.ascontiguousarray(rows[0].T)  # twice as fast as by a transposed view
-    return np.einsum("bkn,bn->bk", rows, vectors)
+    if len(rows) > 1:
+        return np.einsum("bkn,bn->bk", rows, vectors)
+    # Many vectors are multiplied in half the time by what is no transposed view.
+    many = len(vectors) > vectors.shape[1]
+    return vectors @ (np.ascontiguousarray(rows[0].T) if many else rows[0].T)
 
 
 def combine(coefficients: Floats, rows: Floats) -> Floats:
