@@ -139,11 +139,21 @@ def test_centroids_show_each_coordinate_with_its_own_error(frames, note):
     assert f"2 spots in {frames} frames, window 13 px{note}<" in html
 
 
-@pytest.mark.parametrize(("apart", "near"), [(12.9, True), (13.1, False)])
+@pytest.mark.parametrize(
+    ("apart", "near"), [((12.9, 0.0), True), ((13.0, 0.0), False), ((12.0, 5.0), False)]
+)
 def test_a_neighbour_is_nearer_than_one_window(apart, near):
     frame = spot((25.0, 30.0))  # a start tells of a neighbour that the image does not show
-    found = lb.centroid(frame, [[25.0, 30.0], [25.0 + apart, 30.0]], window=13)
+    found = lb.centroid(frame, [[25.0, 30.0], np.add((25.0, 30.0), apart)], window=13)
     assert (lb.SpotFlag.NEIGHBOUR in flags(found)) == near
+
+
+def test_a_neighbour_is_one_of_the_same_frame():
+    one, beside, other = (25.0, 30.0), (33.0, 30.0), (45.0, 30.0)
+    starts = [[one, other], [one, beside], [other, one]]
+    found = lb.centroid(np.stack([spot(one)] * 3), starts, window=13)
+    near = found.flags & lb.SpotFlag.NEIGHBOUR > 0
+    assert near.tolist() == [[False, False], [True, True], [False, False]]
 
 
 @pytest.mark.parametrize(("outside", "inside"), [(0.6, False), (0.4, True)])
