@@ -16,7 +16,6 @@ import time
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
@@ -124,13 +123,9 @@ def _in_flight(
 
 def _is_back(future: Any) -> bool:
     """Whether a task ends, well or not, before jobs in it would be called long."""
-    try:
-        future.exception(_TRIP_S)
-    except TimeoutError:
-        return False
-    except CancelledError:
-        pass
-    return True
+    back = threading.Event()
+    future.add_done_callback(lambda _: back.set())
+    return back.wait(_TRIP_S)
 
 
 def _mapped(
