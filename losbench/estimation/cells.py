@@ -65,15 +65,14 @@ class Study:
         """
         import pandas as pd
 
-        rows = []
+        places, rows = [], []
         for cell, summary in zip(self.cells, self.summaries, strict=True):
             sigma = np.sqrt(np.diagonal(summary.covariance))
             found = summary.quantiles(list(quantiles))
             for k, name in enumerate(self.names):
+                places.append([*map(_shown, cell.values()), name])
                 rows.append(
                     {
-                        **cell,
-                        "quantity": name,
                         "n": summary.n,
                         "left_out": summary.left_out,
                         "unconverged": summary.unconverged,
@@ -83,13 +82,17 @@ class Study:
                         **{f"q{q:g}": x for q, x in zip(quantiles, found[k], strict=True)},
                     }
                 )
-        return pd.DataFrame(rows).set_index([*self.grid, "quantity"])
+        # Not as columns first: a parameter may have the name of one, as n.
+        axes = zip([*self.grid, "quantity"], zip(*places, strict=True), strict=True)
+        return pd.DataFrame(rows).set_index([pd.Series(each, name=name) for name, each in axes])
 
     def covariance(self, **cell: Any) -> pd.DataFrame:
         """Return the covariance (p, p) of one cell's numbers."""
         import pandas as pd
 
-        chosen = [k for k, each in enumerate(self.cells) if cell.items() <= each.items()]
+        asked = [(name, _shown(value)) for name, value in cell.items()]
+        shown = ({name: _shown(value) for name, value in each.items()} for each in self.cells)
+        chosen = [k for k, each in enumerate(shown) if all(ask in each.items() for ask in asked)]
         if len(chosen) != 1:
             raise ValueError(f"cell must name one cell of {list(self.grid)}, got {len(chosen)}")
         return pd.DataFrame(self.summaries[chosen[0]].covariance, self.names, self.names)
@@ -138,14 +141,21 @@ class Cell:
         middle: tuple[Floats, Floats] | None,
     ) -> Cell:
         """Summarise arrays (size, ...) by name."""
-        if not result:
-            raise ValueError("trial must return at least one array of numbers, got none")
         names, rows = [], []
         for name, values in result.items():
             if values.dtype.kind not in "buif":
                 raise ValueError(f"trial must return numbers, got {name} of {values.dtype}")
-            names += [_label(name, place) for place in np.ndindex(*values.shape[1:])]
+            names += [_label(str(name), place) for place in np.ndindex(*values.shape[1:])]
             rows.append(values.reshape(len(values), -1).T)
+        if not names:
+            raise ValueError("trial must return at least one array of numbers, got none")
+        if len(set(names)) < len(names):
+            raise ValueError(f"trial must return numbers of different names, got {names}")
+        if middle is not None and len(middle[0]) != len(names):
+            raise ValueError(
+                f"trial must return the same names every time, got {names} after "
+                f"{len(middle[0])} in the first chunk"
+            )
         together = np.empty((len(names), len(values)))  # row by row, whatever order came
         np.concatenate(rows, out=together)
         centre, unit = middle or (None, None)
@@ -183,6 +193,15 @@ class Cell:
 def cells_of(axes: Mapping[str, tuple[Any, ...]]) -> list[dict[str, Any]]:
     """Return the parameters of every combination, the last changing fastest."""
     return [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+
+
+def _shown(value: Any) -> Any:
+    """Return a value as it may stand in an index: lists and arrays by their text."""
+    try:
+        hash(value)
+    except TypeError:
+        return " ".join(repr(value).split())
+    return value
 
 
 def _label(name: str, place: tuple[int, ...]) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from losbench.checks import boolean, integer
+from losbench.checks import boolean, integer, unmasked
 from losbench.spread import spread
 
 __all__ = ["Trial", "monte_carlo", "trials_of"]
@@ -32,6 +32,7 @@ def monte_carlo(
     ----------
     trial : callable
         ``trial(rng, size)`` runs ``size`` trials at once and returns a dict of arrays (size, ...).
+        What is masked becomes NaN.
     n : int
         Number of trials.
     seed : int
@@ -52,8 +53,8 @@ def monte_carlo(
     Raises
     ------
     ValueError
-        If a count is not a positive whole number, or a trial returns arrays of the wrong length or
-        other names than the first chunk.
+        If a count is not a positive whole number, or a trial returns arrays of the wrong length, or
+        other names or shapes than the first chunk.
     TypeError
         If the executor has neither ``map`` nor ``submit``.
 
@@ -78,7 +79,12 @@ def monte_carlo(
 
 
 def trials_of(
-    trial: Callable[..., Mapping[str, ArrayLike]], seed: int, k: int, size: int, **parameters: Any
+    trial: Callable[..., Mapping[str, ArrayLike]],
+    seed: int,
+    k: int,
+    size: int,
+    /,  # any name may be a parameter's
+    **parameters: Any,
 ) -> dict[str, NDArray[Any]]:
     """Run the ``size`` trials of chunk ``k``, and check what they return."""
     # What spawn() would give as its child k, without the children before it.
@@ -88,7 +94,7 @@ def trials_of(
         raise ValueError(
             f"trial must return a dict of arrays ({size}, ...), got {type(found).__name__}"
         )
-    result = {name: np.asarray(values) for name, values in found.items()}
+    result = {name: unmasked(values) for name, values in found.items()}
     for name, values in result.items():
         if values.shape[:1] != (size,):
             raise ValueError(
@@ -103,10 +109,24 @@ def _named(seed: int, k: int, size: int) -> str:
 
 
 def _join(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    names = list(parts[0])
-    for part in parts:
-        if set(part) != set(names):
+    first = parts[0]
+    for k, part in enumerate(parts):
+        if set(part) != set(first):
             raise ValueError(
-                f"trial must return the same names every time, got {names} and {list(part)}"
+                f"trial must return the same names every time, got {list(first)} and {list(part)} "
+                f"in chunk {k}"
             )
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+        for name, values in part.items():
+            if _form(values) != _form(first[name]):
+                raise ValueError(
+                    f"trial must return arrays of one form every time, got {name} with "
+                    f"{first[name].shape} of {first[name].dtype} and {values.shape} of "
+                    f"{values.dtype} in chunk {k}"
+                )
+    return {name: np.concatenate([part[name] for part in parts]) for name in first}
+
+
+def _form(values: NDArray[Any]) -> tuple[str, tuple[int, ...]]:
+    """What NumPy cannot put together, or, as numbers with text, should not."""
+    kind = values.dtype.kind
+    return "number" if kind in "buifc" else kind, values.shape[1:]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import inspect
-import itertools
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike
 from losbench.arrays import Floats
 from losbench.checks import boolean, integer
 from losbench.estimation.cells import Cell, Study, cells_of
+from losbench.estimation.identity import identity
 from losbench.estimation.montecarlo import trials_of
 from losbench.estimation.robust.failures import failures_counted
 from losbench.parts import kept_parts
@@ -60,7 +60,8 @@ def study(
     out : path, optional
         Folder that keeps a file for each cell that is done.
     resume : bool
-        Go on with the cells of an earlier run in ``out``, of the same trial and recipe.
+        Go on with the cells of an earlier run in ``out``, of the same recipe and trial: its code
+        and the numbers, arrays and records that it uses, but not lists and dicts.
     progress : bool
         Show a progress bar.
 
@@ -108,7 +109,12 @@ def study(
     together = max(1, min(_RUN, chunks // _RUNS))
     recipe: dict[str, Any] = {"n": count, "seed": root, "chunk": size}
     if out is not None:
-        recipe |= {"trial": _described(trial), "grid": repr(axes)}
+        recipe |= {
+            "trial": _text(trial),
+            "what it uses": identity(trial),
+            "grid": repr({name: len(values) for name, values in axes.items()}),
+            "values": identity(axes),
+        }
     found: dict[int, Cell] = {}
     with kept_parts(out, recipe, resume=resume) as parts:
         for c in range(len(cells)):
@@ -164,7 +170,11 @@ def _run(
         with failures_counted() as tally:
             result = trials_of(trial, seed, c * chunks + k, size, **cell)
         done = result.pop("converged", None)
-        failed = tally.failed if done is None else int(np.count_nonzero(~done.astype(bool)))
+        if done is not None and (done.dtype != bool or done.ndim != 1):
+            raise ValueError(
+                f"converged must be an array of bool ({size},), got {done.dtype} with {done.shape}"
+            )
+        failed = tally.failed if done is None else int(np.count_nonzero(~done))
         return Cell.of(result, failed, middle)
 
     return reduce(Cell.merged, (chunk(k, size) for k, size in enumerate(sizes, first)))
@@ -188,21 +198,26 @@ def _axes(grid: Mapping[str, Sequence[Any]]) -> dict[str, tuple[Any, ...]]:
         raise ValueError(f"grid must be a mapping of names to values, got {type(grid).__name__}")
     axes = {}
     for name, values in grid.items():
-        if isinstance(values, str) or not np.iterable(values) or not len(list(values)):
+        # Sets have no order, or another in every process.
+        wrong = isinstance(values, str | bytes | Set | Mapping) or not np.iterable(values)
+        array: Any = np.asarray(values) if hasattr(values, "dtype") else None
+        plain = array is not None and array.ndim == 1 and array.dtype.kind not in "mM"
+        held = () if wrong else tuple(array.tolist() if plain else values)
+        if not held:
             raise ValueError(f"grid must hold a sequence of values for {name}, got {values!r}")
-        axes[str(name)] = tuple(np.ravel(values).tolist() if hasattr(values, "dtype") else values)
+        axes[str(name)] = held
     return axes
 
 
-def _described(thing: Any) -> Any:
-    """What a resumed study must find the same: the text of a function, the repr of the rest."""
-    if isinstance(thing, partial):
-        given = [*thing.args, *itertools.chain.from_iterable(thing.keywords.items())]
-        return [_described(each) for each in (thing.func, *given)]
+def _text(trial: Any) -> str:
+    """What a trial is called where it is not the one of before."""
+    if isinstance(trial, partial):
+        return _text(trial.func)
+    routine = trial if inspect.isroutine(trial) else type(trial)
     try:
-        return inspect.getsource(thing)
+        return inspect.getsource(routine)
     except (OSError, TypeError):
-        return repr(thing)
+        return str(routine.__qualname__)
 
 
 def _bar(total: int, shown: bool) -> Any:

@@ -121,3 +121,26 @@ def test_a_dask_client_gives_the_same_bits():
     alone = lb.monte_carlo(throw, 700, seed=3, chunk=300)
     for name, values in alone.items():
         np.testing.assert_array_equal(together[name], values)
+
+
+@pytest.mark.parametrize(
+    ("last", "told"),
+    [
+        (np.zeros((2, 3)), r"x with \(4,\) of float64 and \(2, 3\) of float64 in chunk 2"),
+        (np.array(["1", "2"]), r"x with \(4,\) of float64 and \(2,\) of <U1 in chunk 2"),
+    ],
+)
+def test_arrays_of_another_form_are_named_with_their_chunk(last, told):
+    def trial(rng, size):
+        return {"x": last if size == 2 else np.zeros(size)}
+
+    with pytest.raises(ValueError, match=f"arrays of one form every time, got {told}"):
+        lb.monte_carlo(trial, 10, seed=1, chunk=4)
+
+
+def test_whole_numbers_go_with_others_and_what_is_masked_is_nan():
+    def trial(rng, size):
+        return {"x": np.ma.masked_equal(np.arange(size), 2) if size == 4 else np.arange(size)}
+
+    found = lb.monte_carlo(trial, 6, seed=1, chunk=4)["x"]
+    np.testing.assert_array_equal(found, [0, 1, np.nan, 3, 0, 1])

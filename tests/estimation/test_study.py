@@ -251,6 +251,26 @@ def test_a_failing_chunk_is_named_and_cancels_the_rest():
     [
         ({"grid": {"sigma": 2.0}}, "grid must hold a sequence of values for sigma, got 2.0"),
         ({"grid": {"sigma": []}}, r"grid must hold a sequence of values for sigma, got \[\]"),
+        ({"grid": {"sigma": {1.0, 2.0}}}, "grid must hold a sequence of values for sigma"),
+        ({"grid": {"sigma": {1.0: "a"}}}, "grid must hold a sequence of values for sigma"),
+        ({"grid": {"sigma": b"12"}}, "grid must hold a sequence of values for sigma, got b'12'"),
+        ({"trial": lambda rng, size: {"x": np.zeros((size, 0))}}, "at least one array of numbers"),
+        (
+            {"trial": lambda rng, size: {"x": np.zeros((size, 1)), "x[0]": np.zeros(size)}},
+            r"numbers of different names, got \['x\[0\]', 'x\[0\]'\]",
+        ),
+        (
+            {"trial": lambda rng, size: {"x": np.zeros((size, size))}},
+            r"the same names every time, got \['x\[0\]', 'x\[1\]'\] after 10 in the first",
+        ),
+        (
+            {"trial": lambda rng, size: {"x": np.zeros(size), "converged": np.full(size, np.nan)}},
+            r"converged must be an array of bool \(10,\), got float64 with \(10,\)",
+        ),
+        (
+            {"trial": lambda rng, size: {"x": np.zeros(size), "converged": np.ones((size, 2), bool)}},
+            r"converged must be an array of bool \(10,\), got bool with \(10, 2\)",
+        ),
         ({"grid": [1]}, "grid must be a mapping of names to values, got list"),
         ({"n": 0}, "n must be a whole number of at least 1, got 0"),
         ({"chunk": 0}, "chunk must be a whole number of at least 1, got 0"),
@@ -303,3 +323,56 @@ def test_a_bar_counts_every_chunk_of_the_cells_that_are_not_there_yet(
         assert bar.total == sum(bar.steps) == new * chunks
         assert bar.closed and not bar.shown
         assert all(step > 0 for step in bar.steps)
+
+
+@pytest.mark.parametrize("name", ["n", "mean", "std", "quantity", "k", "seed", "trial"])
+def test_a_parameter_may_have_the_name_of_a_column_or_of_an_argument(name):
+    def trial(rng, size, **cell):
+        return {"x": np.full(size, cell[name])}
+
+    table = lb.study(trial, {name: [8.0, 16.0]}, 30, seed=1).to_frame()
+    assert table.index.names == [name, "quantity"]
+    assert table.index.get_level_values(0).tolist() == table["mean"].tolist() == [8.0, 16.0]
+    assert table["n"].tolist() == [30, 30]
+
+
+@pytest.mark.parametrize(
+    ("values", "others"),
+    [
+        ([[1, 2], [3, 4]], [[1, 2], [3, 5]]),
+        (np.eye(2), np.eye(2)[::-1]),
+        ([np.zeros(2000), np.ones(2000)], [np.zeros(2000), np.append(np.ones(1999), 1 + 1e-12)]),
+        (np.array(["2026-01-01", "2026-01-02"], "M8[ns]"), [1767225600000000000, 3]),
+        ((x for x in (1.0, 2.0)), [1.0, 3.0]),
+        ([None, "a"], [None, "b"]),
+    ],
+)
+def test_values_are_handed_over_as_they_are_and_others_are_another_study(values, others, tmp_path):
+    values, seen = values if isinstance(values, np.ndarray) else list(values), []
+
+    def trial(rng, size, value):
+        seen.append(value)
+        return {"x": rng.standard_normal(size)}
+
+    found = lb.study(trial, {"value": values}, 10, seed=1, out=tmp_path / "out")
+    assert len(seen) == len(found.to_frame()) == 2 and found._repr_html_()
+    for each, value in zip(seen, values, strict=True):
+        np.testing.assert_array_equal(each, value)
+    first = found.covariance(value=values[0]).to_numpy()
+    np.testing.assert_array_equal(first, found.summaries[0].covariance)
+    with pytest.raises(ValueError, match="another run: values was"):
+        lb.study(trial, {"value": others}, 10, seed=1, out=tmp_path / "out", resume=True)
+
+
+def test_an_iterator_is_an_axis_once():
+    found = lb.study(throw, {"sigma": map(float, (1, 3))}, 30, seed=1)
+    assert found.grid == {"sigma": (1.0, 3.0)}
+
+
+def test_what_is_masked_is_left_out():
+    def trial(rng, size):
+        return {"x": np.ma.masked_greater(np.arange(size), 6)}
+
+    with pytest.warns(RuntimeWarning, match="3 of 10 trials are left out"):
+        found = lb.study(trial, {}, 10, seed=1)
+    assert found.to_frame()["mean"].tolist() == [3.0]
