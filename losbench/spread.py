@@ -129,14 +129,16 @@ def _is_back(future: Any) -> bool:
 
 
 def _mapped(
-    work: Callable[..., Result], jobs: Iterable[Job], executor: Any, named: Callable[..., str]
-) -> Iterator[Result]:
+    work: _Elsewhere, jobs: Iterable[Job], executor: Any, named: Callable[..., str]
+) -> Iterator[Any]:
     waiting = iter(jobs)
     while batch := list(islice(waiting, IN_FLIGHT)):
-        with _naming(named, batch[0]):
-            results = iter(executor.map(work, *zip(*batch, strict=True)))
-        for job in batch:
-            with _naming(named, job):
+        # By one iterable, as any pool's map takes it, multiprocessing's too; which may do it all
+        # before it returns.
+        with _naming(named, *batch):
+            results = iter(executor.map(work.placed, enumerate(batch)))
+        for _ in batch:
+            with _naming(named, *batch):
                 result = next(results)
             yield result
 
@@ -190,15 +192,32 @@ class _Elsewhere:
 
     def each(self, jobs: list[Job]) -> tuple[list[Any], float]:
         """What comes of some jobs, and how many seconds they took."""
-        _settle_in()
-        begun, results = time.perf_counter(), []
-        for place, job in enumerate(jobs):
-            try:
-                results.append(self.work(*job))
-            except Exception as error:
-                vars(error)[_PLACE] = place  # which travels with it, as its notes would not
-                raise
+        begun = time.perf_counter()
+        results = [self.placed(each) for each in enumerate(jobs)]
         return results, time.perf_counter() - begun
+
+    def placed(self, numbered: tuple[int, Job]) -> Any:
+        """What comes of one of several jobs; what it raises tells which of them it was."""
+        place, job = numbered
+        try:
+            return self(*job)
+        except Exception as error:
+            told = _fit_to_travel(error)
+            vars(told)[_PLACE] = place  # which travels with it, as its notes would not
+            raise told from error.__cause__ if told is error else error
+
+
+def _fit_to_travel(error: Exception) -> Exception:
+    """Return an error as another process can be told it: one that does not unpickle there would
+    break the whole pool, and one that does not pickle would be lost.
+    """
+    if multiprocessing.parent_process() is None:
+        return error
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 @dataclass(frozen=True)

@@ -78,8 +78,7 @@ def test_a_failure_is_named_and_the_rest_cancelled(executor):
     results = spread(odd_ones, ((x,) for x in range(40)), executor=executor, named=named)
     with pytest.raises(ValueError, match="even twenty") as failed:
         list(results)
-    where = "in chunk 20" if not isinstance(executor, Pool) else "in chunk 16"
-    assert failed.value.__notes__ == [where]
+    assert failed.value.__notes__ == ["in chunk 20"]
     if isinstance(executor, Later):
         assert executor.waiting
         assert all(future.cancelled() for future in executor.waiting)
@@ -355,3 +354,42 @@ def test_workers_end_when_the_parent_is_killed(before, tmp_path):
             break
         assert time.monotonic() < end, "the worker outlives its owner"
         time.sleep(0.05)
+
+
+class TwoWords(Exception):
+    def __init__(self, one, other):
+        super().__init__(f"{one} {other}")
+
+
+class Held(Exception):
+    def __init__(self):
+        super().__init__("held")
+        self.by = lambda: None
+
+
+def told_badly(x):
+    if x == 20:
+        raise TwoWords("even", "twenty")
+    if x == 40:
+        raise Held
+    return x
+
+
+@pytest.mark.parametrize(("first", "told"), [(0, "TwoWords: even twenty"), (30, "Held: held")])
+def test_an_error_that_no_other_process_can_be_told_is_told_by_its_name(first, told):
+    jobs = [(x,) for x in range(first, 60)]
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
+        with pytest.raises(RuntimeError, match=f"^{told}") as failed:
+            list(spread(told_badly, jobs, executor=executor, named=named))
+        assert failed.value.__notes__ == [f"in chunk {20 if first == 0 else 40}"]
+        assert list(spread(told_badly, [(3,)], executor=executor, named=named)) == [3]
+    with ThreadPoolExecutor(1) as executor, pytest.raises(TwoWords if first == 0 else Held):
+        list(spread(told_badly, jobs, executor=executor, named=named))
+
+
+def test_a_pool_of_multiprocessing_maps_too():
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert list(spread(pow, [(2, 3), (3, 2)], executor=pool, named=named)) == [8, 9]
+        with pytest.raises(ValueError, match="even twenty") as failed:
+            list(spread(odd_ones, ((x,) for x in range(40)), executor=pool, named=named))
+        assert failed.value.__notes__ == ["in chunk 20"]
