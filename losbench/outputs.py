@@ -159,13 +159,14 @@ def claim(
     ...     sorted(path.name for path in results.folder.iterdir())
     ['report.json', 'table.csv']
     """
-    folder = Path(os.path.abspath(out))
+    folder = Path(os.path.realpath(out))
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{out} must be a folder, but is a file")
     if folder.is_mount():
         raise FileExistsError(f"{out} is where a disk is mounted: choose a folder within it")
     for given in inputs:
-        _check_apart(folder, Path(os.path.abspath(given)))
+        for path in {os.path.abspath(given), os.path.realpath(given)}:
+            _check_apart(folder, Path(path))
     with locked(folder):
         _settle(folder)
         if folder.is_dir() and any(folder.iterdir()):
@@ -282,7 +283,7 @@ def _check_apart(folder: Path, given: Path) -> None:
 
 
 def _beside(folder: Path, what: str) -> Path:
-    return folder.with_name(f".{folder.name}.{what}")
+    return folder.parent / f".{folder.name}.{what}"
 
 
 def _write(path: Path, data: bytes) -> None:

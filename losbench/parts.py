@@ -26,7 +26,8 @@ from losbench.outputs import locked
 __all__ = ["Parts", "kept_parts"]
 
 _RUN = "run.json"
-_DRAFT = ".draft-"
+_DRAFT = ".losbench-draft-"  # no file of anybody else
+_NAME = "_part"
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ class Parts:
         try:
             data = io.BytesIO((self.folder / f"{name}.npz").read_bytes())
             with np.load(data, allow_pickle=False) as part:
-                return dict(part)
+                held = dict(part)
+            return held if str(held.pop(_NAME)) == name else None
         except Exception:
             return None
 
@@ -58,7 +60,8 @@ class Parts:
         if self.folder is None:
             return
         with _drafted(self.folder, f"{name}.npz") as draft:
-            np.savez_compressed(draft, allow_pickle=False, **arrays)
+            # With its name: one that was copied into another's place is no part of the run.
+            np.savez_compressed(draft, allow_pickle=False, **arrays, **{_NAME: np.array(name)})
 
 
 @contextmanager
@@ -98,7 +101,7 @@ def kept_parts(
             raise ValueError("resume needs out, the folder of the run to go on with")
         yield Parts()
         return
-    folder = Path(os.path.abspath(out))
+    folder = Path(os.path.realpath(out))  # one lock, by whatever link it is reached
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{out} must be a folder, but is a file")
     wanted = json.loads(json.dumps({**recipe, "losbench": __version__}))
@@ -124,7 +127,7 @@ def kept_parts(
 def _check_same(folder: Path, wanted: dict[str, Any]) -> None:
     try:
         before = dict(json.loads((folder / _RUN).read_text(encoding="utf-8")))
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         raise ValueError(f"{folder / _RUN} is damaged: choose another folder") from None
     changed = [
         f"{name} was {_short(before.get(name))}, is {_short(wanted.get(name))}"

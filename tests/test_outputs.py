@@ -213,3 +213,21 @@ def test_a_lock_is_held_and_goes(tmp_path):
     ):
         run(tmp_path / "out", NEW)
     run(tmp_path / "out", NEW)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links as POSIX has them")
+def test_results_behind_a_link_are_replaced_where_they_lie(tmp_path):
+    folder, link = tmp_path / "disk" / "results", tmp_path / "out"
+    link.symlink_to(folder)
+    for k in range(2):
+        with claim(link, force=k == 1) as results:
+            results.write("table.csv", f"{k}\n")
+            results.publish({})
+    assert link.is_symlink() and (folder / "table.csv").read_text() == "1\n"
+    assert [path.name for path in folder.parent.iterdir()] == ["results"]
+    (tmp_path / "given").symlink_to(folder / "table.csv")
+    with (
+        pytest.raises(ValueError, match="lies in the folder to write to"),
+        claim(link, inputs=[tmp_path / "given"], force=True),
+    ):
+        pass

@@ -72,7 +72,9 @@ def add(commands: Commands, quiet: argparse.ArgumentParser) -> None:
     add_frames(parser)
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument(
-        "--force", action="store_true", help="write into an existing folder that is not empty"
+        "--force",
+        action="store_true",
+        help="write into an existing folder that is not empty, or drop a run that was cut off",
     )
     parser.add_argument(
         "--camera", type=Path, help="TOML with focal_mm, pixel_um, shape; without it shifts only"

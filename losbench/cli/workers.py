@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
 import shutil
+import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -48,12 +50,18 @@ def run_of(options: argparse.Namespace) -> Iterator[Run]:
     from losbench.recording.run import Run
 
     workers = integer("--workers", options.workers, low=1)
-    out = Path(options.out)
+    out = Path(os.path.realpath(options.out))
     parts = out.with_name(f".{out.name}.parts")
+    if options.resume and not parts.is_dir():
+        raise ValueError(f"--resume: no run into {options.out} was cut off")
     if not options.resume:
+        kept = len(list(parts.glob("part-*.npz")))
+        if kept and not options.force:
+            raise FileExistsError(
+                f"{kept} parts of a run into {options.out} that was cut off are kept: go on with "
+                "--resume, or begin anew with --force"
+            )
         shutil.rmtree(parts, ignore_errors=True)
-    elif not parts.is_dir():
-        raise ValueError(f"--resume: no run into {out} was cut off")
     with _executor(workers, options.scheduler) as executor:
         try:
             yield Run(
@@ -82,7 +90,13 @@ def _executor(workers: int, scheduler: str | None) -> Iterator[Any]:
             yield client.get_executor()
     elif workers > 1:
         # Not forked: threads of OpenCV and BLAS would come along half, and the lock on the results.
-        pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+        # What interrupts this process at the terminal would reach them too: they end with it.
+        pool = ProcessPoolExecutor(
+            workers,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=signal.signal,
+            initargs=(signal.SIGINT, signal.SIG_IGN),
+        )
         try:
             yield pool
         finally:

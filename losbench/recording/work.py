@@ -142,7 +142,7 @@ def _recipe(job: Job, chunk: int) -> dict[str, Any]:
     return {
         "source": recording.source.name,
         "frames": recording.n_frames,
-        "files": _files(recording.source),
+        "files": _files(recording),
         "pixels": _digest([stamp.frames for stamp in recording.stamps]),
         "spots": sum(len(survey.start) for survey in job.surveys),
         "centroid": type(method).__name__,
@@ -155,13 +155,30 @@ def _recipe(job: Job, chunk: int) -> dict[str, Any]:
     }
 
 
-def _files(source: Path) -> str:
-    """Sizes and times of what is read, as far as a path tells."""
-    there = sorted(source.iterdir()) if source.is_dir() else [source] if source.is_file() else []
+def _files(recording: Recording) -> str:
+    """Sizes and times of the files that are read, as far as paths tell."""
+    frames = [stamp.frames for stamp in recording.stamps]
+    there = sorted(set(_paths(frames)) or set(_paths(recording.source)))
     stats = [path.stat() for path in there]
-    return f"{len(stats)} of {sum(s.st_size for s in stats)} bytes, changed " + str(
-        max((s.st_mtime_ns for s in stats), default=0)
-    )
+    each = [(str(path), s.st_size, s.st_mtime_ns) for path, s in zip(there, stats, strict=True)]
+    latest = max((s.st_mtime_ns for s in stats), default=0)
+    size = sum(s.st_size for s in stats)
+    return f"{len(stats)} of {size} bytes, changed {latest}, together {_digest(each)}"
+
+
+def _paths(thing: Any) -> Iterator[Path]:
+    """Files that a record names, or of a folder all."""
+    if isinstance(thing, Path):
+        yield from filter(Path.is_file, thing.iterdir() if thing.is_dir() else [thing])
+    elif isinstance(thing, list | tuple):
+        for each in thing:
+            yield from _paths(each)
+    elif is_dataclass(thing) and not isinstance(thing, type):
+        held = {each.name: getattr(thing, each.name) for each in fields(thing)}
+        if held.keys() >= {"folder", "names"}:
+            yield from _paths([held["folder"] / name for name in held["names"]])
+        else:
+            yield from _paths(list(held.values()))
 
 
 def _digest(thing: Any) -> str:

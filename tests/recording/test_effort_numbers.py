@@ -116,12 +116,33 @@ def test_a_digest_tells_shape_type_and_numbers(other):
     assert len(_digest(one)) == 16
 
 
-def test_files_are_known_by_their_number_sizes_and_latest_change(tmp_path):
+def test_files_are_known_by_their_number_sizes_and_changes_and_no_others_count(tmp_path):
     import os
 
-    for k, (size, moment) in enumerate([(10, 3), (20, 9), (5, 4)]):
-        (tmp_path / f"{k}").write_bytes(bytes(size))
-        os.utime(tmp_path / f"{k}", (moment, moment))
-    assert _files(tmp_path) == "3 of 35 bytes, changed 9000000000"
-    assert _files(tmp_path / "0") == "1 of 10 bytes, changed 3000000000"
-    assert _files(tmp_path / "none") == "0 of 0 bytes, changed 0"
+    import cv2
+
+    frames = [tmp_path / f"{k}.bmp" for k in range(3)]
+    for k, path in enumerate(frames):
+        cv2.imwrite(str(path), np.full((20, 30), k, np.uint8))
+        os.utime(path, (3 + 2 * k, 3 + 2 * k))
+    size = sum(path.stat().st_size for path in frames)
+    folder, listed = lb.read_recording(tmp_path), lb.read_recording(frames)
+    before = _files(folder)
+    assert before.startswith(f"3 of {size} bytes, changed 7000000000, together ")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "notes.txt").write_text("of no frame")
+    assert _files(listed) == _files(folder) == before
+    assert _files(lb.read_recording(frames[:1])).startswith(f"1 of {size // 3} bytes, changed 3000")
+    # Two frames that change places leave number, sizes and the latest change as they are.
+    frames[0].rename(tmp_path / "aside")
+    frames[1].rename(frames[0])
+    (tmp_path / "aside").rename(frames[1])
+    assert _files(folder).startswith(before[:-16]) and _files(folder) != before
+    assert _files(lb.read_recording(np.zeros((2, 20, 30), np.uint8))).startswith("0 of 0 bytes")
+
+
+def test_files_of_a_reader_that_names_none_are_those_of_the_source(tmp_path):
+    recording = lb.read_recording(np.zeros((2, 20, 30), np.uint8))
+    (tmp_path / "0").write_bytes(bytes(10))
+    assert _files(replace(recording, source=tmp_path / "0")).startswith("1 of 10 bytes")
+    assert _files(replace(recording, source=tmp_path)).startswith("1 of 10 bytes")

@@ -259,6 +259,10 @@ def test_an_unreadable_fits_file_is_skipped(tmp_path):
     recording = lb.read_recording(folder, on_unreadable="skip")
     np.testing.assert_array_equal(recording.times.seconds, [np.nan, 0, 1])
     assert every_frame(recording)[1].tolist() == [False, True, True]
+    (folder / "2.fits").unlink()
+    assert every_frame(recording)[1].tolist() == [False, True, False]
+    with pytest.raises(UnreadableFrame, match=r"^2.fits cannot be read: .*No such file"):
+        recording.stamps[0].load(2)
 
 
 def test_alike_images_of_one_fits_file_are_frames_and_others_are_told(tmp_path):

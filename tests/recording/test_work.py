@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -139,7 +140,7 @@ def test_a_run_goes_on_with_the_parts_that_stand_whole(stack, alone, tmp_path):
     parts[1].write_bytes(flipped)
     parts[2].write_bytes(parts[2].read_bytes()[:-30])
     parts[4].unlink()
-    (out / ".draft-of-a-killed-run").write_bytes(b"half a part")
+    (out / ".losbench-draft-of-a-killed-run").write_bytes(b"half a part")
     before = {path.name: path.stat().st_mtime_ns for path in out.glob("part-*.npz")}
     assert sha(measured(stack, out=out, chunk=32, resume=True)) == alone
     after = {path.name: path.stat().st_mtime_ns for path in out.glob("part-*.npz")}
@@ -148,7 +149,7 @@ def test_a_run_goes_on_with_the_parts_that_stand_whole(stack, alone, tmp_path):
         2,
         4,
     ]
-    assert not list(out.glob(".draft*"))
+    assert not list(out.glob(".losbench-draft*"))
 
 
 def test_parts_of_another_run_are_refused_by_what_has_changed(stack, tmp_path):
@@ -297,3 +298,87 @@ def test_the_recipe_is_kept_beside_the_parts(stack, tmp_path):
     assert (
         kept["frames"] == N and kept["source"] == "stack.npy" and kept["losbench"] == lb.__version__
     )
+
+
+def test_a_part_in_the_place_of_another_is_measured_anew(stack, alone, tmp_path):
+    out = tmp_path / "out"
+    measured(stack, out=out, chunk=32)
+    parts = sorted(out.glob("part-*.npz"))
+    parts[0].write_bytes(parts[1].read_bytes())
+    parts[2].unlink()
+    parts[2].symlink_to("nowhere")
+    assert sha(measured(stack, out=out, chunk=32, resume=True)) == alone
+
+
+def test_a_run_goes_on_beside_the_frames_that_it_reads(frames, tmp_path):
+    import cv2
+
+    paths = [tmp_path / f"{k:03d}.png" for k in range(40)]
+    for path, frame in zip(paths, frames, strict=False):
+        cv2.imwrite(str(path), frame)
+    before = sha(measured(paths, out=tmp_path / "out"))
+    (tmp_path / "notes.txt").write_text("of no frame")
+    assert sha(measured(paths, out=tmp_path / "out", resume=True)) == before
+    assert sha(measured(str(tmp_path / "*.png"), out=tmp_path / "o")) == before
+    cv2.imwrite(str(paths[35]), frames[0])
+    for given, out in ((paths, "out"), (str(tmp_path / "*.png"), "o")):
+        with pytest.raises(ValueError, match="files was 40 of "):
+            measured(given, out=tmp_path / out, resume=True)
+
+
+def test_who_stands_in_another_folder_finds_the_frames(stack, alone, tmp_path, monkeypatch):
+    monkeypatch.chdir(stack.parent)
+    given = (stack.name, [stack.name], "*.npy")
+    recordings = [lb.read_recording(each, detector=DETECTOR) for each in given]
+    monkeypatch.chdir(tmp_path)
+    for recording in recordings:
+        assert sha(lb.measure(recording, spots=[[30, 30], [90, 33]])) == alone
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links as POSIX has them")
+def test_a_run_has_one_lock_by_whatever_link_it_is_reached(stack, tmp_path):
+    (tmp_path / "link").symlink_to("out")
+    with (
+        parts_module.kept_parts(tmp_path / "out", {}),
+        pytest.raises(BlockingIOError, match="another run is writing to out"),
+    ):
+        measured(stack, out=tmp_path / "link", resume=True)
+
+
+def test_a_file_of_the_user_s_is_no_draft(stack, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".draft-letter").write_text("dear")
+    with pytest.raises(FileExistsError, match="out is not empty, and holds no run"):
+        measured(stack, out=tmp_path / "out")
+    assert (tmp_path / "out" / ".draft-letter").read_text() == "dear"
+
+
+@pytest.mark.parametrize("text", ["", "null", "3", "[" * 100_000, '{"source": "s', "\udcff"])
+def test_a_damaged_recipe_is_named(stack, tmp_path, text):
+    measured(stack, out=tmp_path / "out")
+    (tmp_path / "out" / "run.json").write_bytes(text.encode(errors="surrogateescape"))
+    with pytest.raises(ValueError, match="out/run.json is damaged: choose another folder"):
+        measured(stack, out=tmp_path / "out", resume=True)
+
+
+def test_parts_of_a_run_that_was_cut_off_are_not_dropped_unasked(stack, tmp_path, capsys):
+    asked = ["measure", str(stack), "--spots", "30,30 90,33", "--quiet", "--out"]
+    out, parts = str(tmp_path / "out"), tmp_path / ".out.parts"
+    assert main([*asked, str(tmp_path / "whole")]) == 0
+    measured(stack, out=parts)
+    assert main([*asked, out]) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"\d+ parts of a run into .*out .* go on with --resume, or begin anew", said)
+    assert parts.is_dir()
+    assert main([*asked, out, "--force"]) == 0 and not parts.exists()
+    tables = [(tmp_path / name / "measurement.csv").read_bytes() for name in ("whole", "out")]
+    assert tables[0] == tables[1]
+
+
+def test_results_go_to_an_empty_working_directory(stack, tmp_path, monkeypatch, capsys):
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path / "out")
+    asked = ["measure", str(stack), "--spots", "30,30 90,33", "--quiet", "--out", "."]
+    assert main(asked) == 0, capsys.readouterr().err
+    assert (tmp_path / "out" / "measurement.csv").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]

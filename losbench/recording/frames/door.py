@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -146,6 +147,7 @@ def find_frames(path: Origin, how: How) -> tuple[Frames, ...]:
             if test(Path(path)):
                 return (opener(Path(path)),)
     name, files, notes = _files(path)
+    files = [Path(os.path.abspath(file)) for file in files]  # a worker may stand in another folder
     first, *others = _open(files, name, how)
     stamps = (replace(first, notes=(*notes, *first.notes)), *others)
     return tuple(develop(stamp, channel=how.channel, skip=how.skip) for stamp in stamps)

@@ -69,7 +69,8 @@ class FitsFiles:
     def frame(self, k: int) -> NDArray[Any]:
         """Return the image of one file; what its mask marks is NaN."""
         path, label = self.folder / self.names[k], self.label(k)
-        planes = {plane.index: plane for plane, _ in planes_of(path)}
+        with decoding(label):  # the file may be gone since
+            planes = {plane.index: plane for plane, _ in planes_of(path)}
         if self.image not in planes or len(planes[self.image].shape) != 2:
             raise UnreadableFrame(f"{label} must hold one image in HDU {self.image}, as the first")
         image = planes[self.image].frame(path, 0, label)
