@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from records import record
@@ -21,6 +22,7 @@ _IDLE = 0.2  # cores that others may keep busy while two workers are judged
 # Of the time of one process, what an executor may spend on tasks that do nothing: two bare processes
 # take 0.54 of it here, and 0.67 is the most that is allowed.
 _OWN = 0.1
+_LONG_S = 5.0  # of work that is run but once
 
 
 @dataclass(frozen=True)
@@ -85,10 +87,11 @@ def at_once(what: str, work: Callable[[Executor | None], object]) -> list[dict[s
     """Judge the wall time of two workers that have begun and idle against that of one process, by
     processes and by dask; where others keep the cores busy it is told beside processor time, and
     not judged. Nor is what takes one process so short a time that the executor's own cost of as
-    many empty tasks is a tenth of it.
+    many empty tasks is a tenth of it. Of short work it is the median of five runs, after one that
+    is not counted: the first also loads what the work needs.
     """
     before = _busy_cores()
-    alone_s, alone_cpu_s = _spent(lambda: work(None))
+    alone_s, alone_cpu_s, _ = _typical(lambda: work(None))
     rows = []
     for who, pool, at_least in (("two processes", _processes, 1.6), ("dask", dask_workers, 1.5)):
         busy, both = max(before, _busy_cores()), []
@@ -97,11 +100,12 @@ def at_once(what: str, work: Callable[[Executor | None], object]) -> list[dict[s
             with pool() as executor:
                 list(executor.map(time.sleep, [1.0, 1.0]))  # until both are there
                 counted = _Counted(executor)
-                both.append(_spent(lambda: work(counted))[0])
-                both += [counted.tasks, _empty_task(executor)]
+                both_s, _, runs = _typical(lambda: work(counted))
+                both += [both_s, runs, counted.tasks // runs, _empty_task(executor)]
 
         _, both_cpu_s = _spent(pooled)
-        both_s, tasks, empty_s = both
+        both_s, runs, tasks, empty_s = both
+        both_cpu_s /= runs
         share = alone_s / both_s
         missed = "MISSED" if busy <= _IDLE else f"{busy:.1f} cores were busy"
         if tasks * empty_s > _OWN * alone_s:
@@ -178,6 +182,15 @@ def _busy_cores(seconds: float = 1.0) -> float:
         return max(0.0, (os.cpu_count() or 1) - (idle() - start) / spent)
     except (OSError, AttributeError, ValueError):
         return 0.0
+
+
+def _typical(work: Callable[[], object]) -> tuple[float, float, int]:
+    """Medians of wall and processor time, and how often it ran; once, if that takes long."""
+    taken = [_spent(work)]
+    if taken[0][0] < _LONG_S:
+        taken += [_spent(work) for _ in range(5)]
+    wall, processor = (median(times) for times in zip(*(taken[1:] or taken), strict=True))
+    return wall, processor, len(taken)
 
 
 def _spent(work: Callable[[], object]) -> tuple[float, float]:

@@ -65,7 +65,8 @@ def plain_page(file: BinaryIO, at: int) -> PlainPage | None:
     magic = struct.unpack(f"{order}H", head[2:])[0] if order and len(head) == 4 else 0
     if order is None or magic not in (42, 43):
         return None
-    tags, following = _directory(file, at, order, big=magic == 43)
+    most = file_size(file)
+    tags, following = _directory(file, at, order, most, big=magic == 43)
     if not tags.keys() >= _NEEDED or _TILE_WIDTH in tags:
         return None
     if any(tags.get(tag, [plain]) != [plain] for tag, plain in _PLAIN.items()):
@@ -77,15 +78,17 @@ def plain_page(file: BinaryIO, at: int) -> PlainPage | None:
     dtype, shape = np.dtype(order + kind), (tags[_LENGTH][0], tags[_WIDTH][0])
     size = shape[0] * shape[1] * dtype.itemsize
     in_one_piece = (offsets[:-1] + counts[:-1] == offsets[1:]).all() and counts.sum() == size > 0
-    if not in_one_piece or offsets[0] <= 0 or offsets[0] + size > file_size(file):
+    if not in_one_piece or offsets[0] <= 0 or offsets[0] + size > most:
         return None
     return PlainPage(int(offsets[0]), shape, dtype, following)
 
 
 def _directory(
-    file: BinaryIO, at: int, order: str, *, big: bool
+    file: BinaryIO, at: int, order: str, most: int, *, big: bool
 ) -> tuple[dict[int, list[int]], int]:
-    """Return what a directory says of the tags that are asked, and where the next one is."""
+    """Return what a directory of a file of so many bytes says of the tags that are asked, and where
+    the next one is.
+    """
     head, entry, inside, form = (8, 20, 8, "Q") if big else (2, 12, 4, "I")
     count = _bytes_at(file, at, head)
     n = struct.unpack(order + ("Q" if big else "H"), count)[0] if len(count) == head else 0
@@ -101,7 +104,7 @@ def _directory(
             continue
         values = struct.unpack_from(order + form, data, begin + 4)[0]
         value_at, size = begin + 4 + inside, values * struct.calcsize(_FORMS.get(kind, "x"))
-        if kind not in _FORMS or not 0 < size <= file_size(file):
+        if kind not in _FORMS or not 0 < size <= most:
             return {}, -1
         held = data[value_at : value_at + size]
         if size > inside:
