@@ -16,6 +16,7 @@ import time
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
@@ -33,6 +34,7 @@ IN_FLIGHT = 16  # tasks handed out at a time: memory stays bounded, and workers 
 Result = TypeVar("Result")
 Job = tuple[Any, ...]
 _TRIP_S, _MOST = 0.25, 64  # a task of several chunks takes no longer, and holds no more
+_PATIENCE_S = 2.0  # between looks at whether a worker has died
 _FIRST, _GROWTH = 4, 4  # tasks that tell how long a chunk takes, and how fast others grow from them
 _PLACE = "_losbench_place"
 _LARGE = 2**14  # bytes of pickled work that are packed once, not for every task
@@ -112,13 +114,40 @@ def _in_flight(
                     continue
             batch, future = flying.popleft()
             with _naming(named, *batch):
-                results, seconds = future.result()
+                results, seconds = _outcome(future, executor)
             yield from results
             worth = int(len(batch) * _TRIP_S / max(seconds, 1e-9))
             many = max(1, min(worth, _GROWTH * len(batch), _MOST))
     finally:
         for _, future in flying:
             future.cancel()
+
+
+def _outcome(future: Any, executor: Any) -> Any:
+    """What comes of a task, also where a worker was killed while it sent a result: its pool waits
+    for the rest of it for ever.
+    """
+    while isinstance(executor, ProcessPoolExecutor):
+        try:
+            return future.result(_PATIENCE_S)
+        except TimeoutError:
+            if future.done():  # or the task raised it
+                break
+            _end_if_broken(executor)
+    return future.result()
+
+
+def _end_if_broken(executor: Any) -> None:
+    """End a pool of processes that has lost one: all who could send the rest let go of the pipe,
+    which Python tells of under private names alone.
+    """
+    workers = list((getattr(executor, "_processes", None) or {}).values())
+    if any(worker.exitcode not in (None, 0) for worker in workers):
+        for worker in workers:
+            worker.kill()
+        pipe = getattr(getattr(executor, "_result_queue", None), "_writer", None)
+        if pipe is not None:
+            pipe.close()
 
 
 def _is_back(future: Any) -> bool:

@@ -393,3 +393,54 @@ def test_a_pool_of_multiprocessing_maps_too():
         with pytest.raises(ValueError, match="even twenty") as failed:
             list(spread(odd_ones, ((x,) for x in range(40)), executor=pool, named=named))
         assert failed.value.__notes__ == ["in chunk 20"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills a process as POSIX does")
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_a_worker_that_is_killed_while_it_sends_ends_the_run(method, tmp_path):
+    (tmp_path / "owner.py").write_text(
+        textwrap.dedent(
+            """
+            import multiprocessing, os, signal, struct, sys, time
+            from concurrent.futures import ProcessPoolExecutor
+            from losbench.spread import spread
+
+            def work(k):
+                if k == 5:
+                    frame = sys._getframe()
+                    while "result_queue" not in frame.f_locals:
+                        frame = frame.f_back
+                    # The head of a result, whose rest never comes.
+                    os.write(frame.f_locals["result_queue"]._writer.fileno(), struct.pack("!i", 99))
+                    os.kill(os.getpid(), signal.SIGKILL)
+                time.sleep(0.3)
+                return k
+
+            if __name__ == "__main__":
+                context = multiprocessing.get_context(sys.argv[1])
+                pool = ProcessPoolExecutor(2, mp_context=context)
+                jobs = ((k,) for k in range(40))
+                for done in spread(work, jobs, executor=pool, named=str):
+                    print(done)
+            """
+        )
+    )
+    owner = subprocess.run(
+        [sys.executable, "-W", "ignore", "owner.py", method],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert owner.returncode == 1 and owner.stdout.split()[:4] == ["0", "1", "2", "3"]
+    assert "BrokenProcessPool" in owner.stderr  # the fourth is lost too, if it was not done
+    assert owner.stderr.split()[-1] in ("4", "5")
+
+
+def out_of_time(x):
+    raise TimeoutError("late")
+
+
+def test_what_a_job_itself_raises_for_time_is_told(monkeypatch):
+    monkeypatch.setattr(spread_module, "_PATIENCE_S", 0.05)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
+        with pytest.raises(TimeoutError, match="late"):
+            list(spread(out_of_time, [(1,)], executor=executor, named=named))
+        assert list(spread(abs, [(-3,)], executor=executor, named=named)) == [3]
