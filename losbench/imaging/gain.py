@@ -40,6 +40,7 @@ _EVERY = 4
 _OWN = 0.7  # leverage: such a pixel is explained by itself
 _SURE = 3.0  # sigma
 _ALIKE = 1e-9  # of a unit diagonal
+_OPEN = 2.0  # times a variance: beyond such an error, it may be anything
 _BINS = 12
 _FAR = 16.0  # squares of the noise: what differs by more is no noise
 
@@ -63,7 +64,8 @@ def estimate_gain(
     Returns
     -------
     Gain
-        With an infinite error if there are fewer than three frames, or no spot tells.
+        With an infinite error if there are fewer than three frames, no spot tells, or the error of
+        the brightest pixel's variance is more than twice that variance.
 
     Raises
     ------
@@ -111,6 +113,8 @@ def estimate_gain(
     if not found:
         return Gain(0.0, np.inf, step)
     slope = _slope(found)
+    if not _tells(slope, found):
+        return Gain(0.0, np.inf, step)
     return Gain(slope.per_dn, slope.error, step, _curve(found, slope))
 
 
@@ -203,6 +207,13 @@ def _slope(found: list[Pairs]) -> _Slope:
             covariance = spread / max(normal[0, 0], 1e-300) ** 2
         per_dn, error = max(per_dn, 0.0), float(np.sqrt(covariance[0, 0]))
     return _Slope(per_dn, left, error if error > 0 else np.inf, samples)
+
+
+def _tells(slope: _Slope, found: list[Pairs]) -> bool:
+    """Whether the variance of the brightest pixel is known to better than twice itself."""
+    top = max(float((pairs.signal * pairs.use).max(initial=0.0)) for pairs in found)
+    floor = float(np.median(np.concatenate([pairs.floor.ravel() for pairs in found])))
+    return slope.error * top <= _OPEN * (floor + slope.per_dn * top)
 
 
 def _curve(found: list[Pairs], slope: _Slope) -> Transfer:

@@ -117,6 +117,24 @@ def test_where_frames_do_not_tell_the_error_is_infinite(frames):
     assert found.per_dn == 0.0 and found.std_error == np.inf and not found.known
 
 
+def test_a_gain_that_four_frames_of_a_sharp_spot_leave_open_is_not_taken_for_one():
+    """One that is found to be zero, and may be anything, would make errors twenty times too
+    small.
+    """
+    told = 0
+    for seed in range(60):
+        frames, xy = run(seed, n=4, flux=4e5, sigma=0.9, jitter_px=0.3)
+        frames, xy = frames[:, :, :60], xy[:, :1]
+        found, known = (
+            lb.centroid(frames, np.rint(xy), method=lb.Weighted(0.9), detector=detector)
+            for detector in (None, SENSOR)
+        )
+        stated = np.median(found.sigma_xy / known.sigma_xy)
+        assert stated > 0.4 or (found.flags & SpotFlag.LOWER_BOUND).all()
+        told += found.noise.known
+    assert told > 30
+
+
 def test_frames_of_a_spot_at_rest_are_paired_with_each_other_and_not_all_with_one():
     pairs = nearest_pairs(np.zeros((100, 1, 2)), 100).frames
     assert np.bincount(pairs.ravel()).max() <= 5 and len(pairs) > 50

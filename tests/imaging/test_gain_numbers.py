@@ -9,7 +9,7 @@ import pytest
 import losbench as lb
 from losbench.imaging import gain
 from losbench.imaging.columns import Templates
-from losbench.imaging.gain import _brightest, _curve, _samples, _slope
+from losbench.imaging.gain import _brightest, _curve, _samples, _Slope, _slope, _tells
 from losbench.imaging.groups import grouped
 from losbench.imaging.noise import Gain
 from losbench.imaging.pairs import Pairing, Pairs, _explaining
@@ -400,6 +400,21 @@ def test_a_slope_is_not_negative_and_nothing_tells_none():
     nothing.use[:] = False
     found = _slope([nothing])
     assert found.per_dn == 0.0 and found.error > 1e100
+
+
+@pytest.mark.parametrize("per_dn", [0.0, 0.5])
+def test_a_slope_tells_where_the_brightest_variance_is_known_within_twice_itself(per_dn):
+    signal = np.full((2, 9), 20.0)
+    signal[1, 4], signal[0, 2] = 80.0, 900.0
+    pairs = pairs_with(np.zeros((2, 9, 1)), signal=signal)
+    pairs.use[0, 2] = False
+    pairs.floor[:] = [[1.0], [3.0]]
+    faint = pairs_with(np.zeros((1, 9, 1)), signal=signal[:1] * 0.0)
+    faint.floor[:] = 2.0
+    limit = 2.0 * (2.0 / 80.0 + per_dn)
+    for times, told in ((0.99, True), (1.01, False)):
+        assert _tells(_Slope(per_dn, 0.0, times * limit, []), [faint, pairs]) == told
+    assert not _tells(_Slope(per_dn, 0.0, np.inf, []), [pairs])
 
 
 def test_what_a_shift_leaves_is_told_from_the_signal():
