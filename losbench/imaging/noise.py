@@ -127,7 +127,7 @@ def pixel_noise(plane: Plane, noise: Detector | Gain, last_digit: Floats) -> Pix
         # Frames without any noise are known to their last digit, not to nothing.
         least = noise.rounding if noise.step_dn else last_digit**2
         floor = np.maximum(plane.noise**2, least)
-        ring = np.maximum(plane.scatter**2, least)
+        ring = np.fmax(plane.scatter**2, least)
     else:
         ring = floor = noise.variance_dn(plane.level)
     of_plane = np.empty((len(floor), 3))

@@ -90,6 +90,15 @@ def test_unread_pixels_in_the_window_make_a_spot_missing_and_in_the_ring_they_do
     assert np.isnan(found.xy[:, 0, 0]).tolist() == [True, False, True]
 
 
+def test_a_frame_that_was_not_read_at_all_is_missing_and_no_warning():
+    frames = np.stack([image([[40, 30]])] * 2).astype(np.float32) / 3.0
+    frames[1] = np.nan
+    for method in ("eiwa", "weighted", "grey"):
+        found = lb.centroid(frames, [[40, 30]], method=method, window=13)
+        assert np.isnan(found.xy[1]).all() and np.isfinite(found.xy[0]).all()
+        assert found.flags[1] & SpotFlag.MISSING and not found.flags[0] & SpotFlag.MISSING
+
+
 def test_saturation_at_full_scale_and_on_a_plateau_below_it():
     full = image([[40, 30]], flux=1e8)
     assert SpotFlag.SATURATED in flags(full, [[40, 30]])
