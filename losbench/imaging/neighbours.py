@@ -101,7 +101,8 @@ def dark_in_the_middle(signal: Pixels, centre: Floats, height: Floats, noise: Pi
     dark: Bools = value < _DIP * height
     if dark.any():
         variance = noise.floor + noise.per_dn * height
-        dark &= value < _DIP * height - SURE * np.sqrt(np.maximum(variance, 0.0))
+        # As sure as the means of nine pixels are that follow.
+        dark &= value < _DIP * height - SURE / 3.0 * np.sqrt(np.maximum(variance, 0.0))
     return dark
 
 

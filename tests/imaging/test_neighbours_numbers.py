@@ -27,9 +27,9 @@ def spot(at=(0.0, 0.0), peak=1000.0, sigma=1.5, size=SIZE):
 
 @pytest.mark.parametrize("per_dn", [0.0, 0.5])
 @pytest.mark.parametrize("centre", [(0.0, 0.0), (2.3, -3.4), (-9.7, 9.6)])
-def test_a_centre_is_dark_below_eight_tenths_of_the_height_by_5_5_errors(per_dn, centre):
+def test_a_centre_is_dark_below_eight_tenths_of_the_height_by_5_5_errors_of_a_mean(per_dn, centre):
     height = 1000.0
-    limit = 0.8 * height - 5.5 * np.sqrt(4.0 + per_dn * height)
+    limit = 0.8 * height - 5.5 / 3.0 * np.sqrt(4.0 + per_dn * height)
     x, y = np.rint(centre).astype(int) + HALF
     for value, dark in ((limit - 1.0, True), (limit + 1.0, False), (0.81 * height, False)):
         signal = np.zeros((2, SIZE, SIZE))
