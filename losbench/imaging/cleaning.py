@@ -75,7 +75,7 @@ def _look_closely(
 ) -> None:
     """Mask what stands out of some of the windows, measure those anew, and flag other light."""
     part = replace(windows.of(some), start=fit.centroid[some], leave=windows.side / 3.0)
-    looked = look_into(part)
+    looked = look_into(part, moves=not scene.method.template)
     bad = looked.n_bad > 0
     result.n_bad[some] += looked.n_bad
     result.flags[some[bad]] |= SpotFlag.BAD_PIXEL

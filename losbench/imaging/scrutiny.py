@@ -35,6 +35,7 @@ _SURE_OF_UNKNOWN = 6.0  # where the shot noise is not known
 _MODEL = 0.03  # of its light that a template may be wrong by in every pixel
 _TURNED = 0.37  # pi / 2 of it, and two more to be safe, over the six errors of a difference
 _POINTED = 2.5  # times the third of its 3 x 3 neighbours
+_RESOLVED = 0.8  # pixels of sigma
 _ROUNDS = 4
 _PAIR = 2  # bad pixels may touch; more side by side are light
 _FEW = 0.02  # of the pixels
@@ -127,12 +128,14 @@ def filled(windows: Windows, looked: Looked) -> Pixels:
     return np.where(looked.kept > 0, windows.signal, model + over)
 
 
-def look_into(windows: Windows) -> Looked:
+def look_into(windows: Windows, *, moves: bool = False) -> Looked:
     """Mask the pixels that stand out of a template, in up to four rounds.
 
     A pixel stands out by 5.5 errors, and half as much as the worst, from the median of what its
     3 x 3 neighbours leave over: a wrong shape leaves the same over in all of them. So does a row or
-    a column whose median does. Where that is more than 15 % of a window, it is the shape.
+    a column whose median does, and a few pixels side by side that lack half of their light. Where
+    that is more than 15 % of a window, it is the shape. A window that ``moves`` counts what stands
+    out of its margin too, which it shares in.
     """
     first = np.ones_like(windows.signal) if windows.kept is None else windows.kept
     kept, lines = first.copy(), np.zeros(first.shape, dtype=bool)
@@ -141,14 +144,17 @@ def look_into(windows: Windows) -> Looked:
     windows = replace(windows, width=width)
     fit = fit_template(replace(windows, kept=kept), tolerance=_CLOSE, max_iter=_STEPS)
     looking = np.arange(len(kept))
-    for _ in range(_ROUNDS):
+    for k in range(_ROUNDS):
         rest = _rest(windows.of(looking), fit.of(looking)) * first[looking]
         much = (np.abs(rest * kept[looking]) > _SURE).any(axis=(1, 2))
         looking, rest = looking[much], rest[much]
         if not looking.size:
             break
         line = _lines(rest) & ~lines[looking]
-        single = lone_pixels(rest * kept[looking]) & ~line.any(axis=(1, 2), keepdims=True)
+        single = lone_pixels(rest * kept[looking])
+        if k:  # a width that is not fitted yet lacks light all around
+            single |= dead_pixels(windows.of(looking), fit.of(looking)) & (rest < -_SURE)
+        single &= ~line.any(axis=(1, 2), keepdims=True)
         new = (line | single) & (kept[looking] > 0)
         lines[looking] |= line
         kept[looking] *= ~new
@@ -156,13 +162,12 @@ def look_into(windows: Windows) -> Looked:
         clean = replace(part, kept=kept[looking])
         freed = fit_template(clean, free=True, tolerance=_CLOSE, max_iter=_STEPS)
         fit.put(looking, freed)
-        looking = looking[new.any(axis=(1, 2))]
-        if not looking.size:
-            break
+        if k:
+            looking = looking[new.any(axis=(1, 2))]
     if not windows.noise.per_dn:
         doubtful = (first > kept) & ~lines & ~_beyond_shot_noise(windows, fit, kept)
         kept[doubtful] = first[doubtful]
-    inner = (slice(None), slice(1, -1), slice(1, -1))
+    inner = (slice(None), *[slice(None) if moves else slice(1, -1)] * 2)
     singles = ((first > kept) & ~lines)[inner].mean(axis=(1, 2))
     fits: Bools = fit.converged & (unexplained(windows, fit, kept) <= UNEXPLAINED)
     shape = ~fits | (singles > _MOST)
@@ -240,6 +245,19 @@ def lone_pixels(rest: Pixels) -> Bools:
     third = np.where(rest > 0, ranked[..., -3], -ranked[..., 2])
     found: Bools = apart > np.maximum(_SURE, 0.5 * worst)[:, None, None]
     return found & (np.abs(rest) > _POINTED * third)
+
+
+def dead_pixels(windows: Windows, fit: TemplateFit) -> Bools:
+    """Pixels that lack half of their light, twice as much as four of their 3 x 3 neighbours and as
+    the other side of the spot: where that is wider than its pixels, no shape ends so in a few.
+    """
+    light = _model(windows, fit, 1)
+    rest = np.minimum(windows.signal - light, 0.0)
+    around = sliding_window_view(np.pad(rest, ((0, 0), (1, 1), (1, 1))), (3, 3), axis=(1, 2))
+    fourth = np.sort(around.reshape(*rest.shape, 9), axis=-1)[..., -4]
+    like = 2.0 * np.minimum(fourth, turned(rest, fit.centre))
+    wide = fit.width.min(axis=1)[:, None, None] >= _RESOLVED
+    return np.asarray((rest < -0.5 * light) & (rest < like) & wide)
 
 
 def _lines(rest: Pixels) -> Bools:

@@ -88,6 +88,44 @@ def test_a_moment_takes_a_bad_pixel_from_the_template_and_the_other_side(sigma, 
     assert share(found, lb.SpotFlag.NEIGHBOUR) < 0.02
 
 
+@pytest.mark.parametrize("method", [*METHODS, lb.EIWA(13)], ids=["weighted", "likelihood", "eiwa"])
+@pytest.mark.parametrize(("dx", "dy"), [(0, 0), (1, 1), (2, -1), (-4, 1), (3, 4)])
+def test_dead_pixels_side_by_side_are_told_in_the_core_as_in_the_wings(method, dx, dy):
+    """Four that read zero, as no light of another spot does."""
+    image, xy = frames(sigma=2.0, amplitude=2e4)
+    for x, y in ((0, 0), (1, 0), (1, 1), (2, 1)):
+        dead(image, SIDE // 2 + dy + y, SIDE // 2 + dx + x)
+    found = lb.centroid(image, np.full((200, 1, 2), SIDE // 2), method=method)
+    assert share(found, lb.SpotFlag.BAD_PIXEL) == 1.0
+    if method in METHODS:
+        assert rms((found.xy - xy) / found.sigma_xy) < 1.5
+
+
+def test_a_pair_of_dead_pixels_beside_a_spot_narrower_than_a_sixth_of_the_window_is_told():
+    image, xy = frames(sigma=1.24, amplitude=4e4, noise=5.0)
+    for x, y in ((-3, -1), (-4, 0)):
+        dead(image, SIDE // 2 + y, SIDE // 2 + x)
+    detector = lb.Gain(0.0, 0.0)
+    found = lb.centroid(image, np.rint(xy), method=lb.EIWA(9), detector=detector)
+    near = xy[:, 0, 0] < SIDE // 2
+    assert near.sum() > 50 and (found.flags[near] & lb.SpotFlag.BAD_PIXEL > 0).all()
+
+
+def test_a_moment_shares_in_the_margin_and_is_rid_of_a_hot_pixel_there():
+    image, xy = frames()
+    hot(image, SIDE // 2 + 3, SIDE // 2 + 7)
+    whole = np.full((200, 1, 2), SIDE // 2)
+    detector = lb.Gain(0.0, 0.0)
+    found = lb.centroid(image, whole, method=lb.EIWA(13), detector=detector)
+    assert share(found, lb.SpotFlag.BAD_PIXEL) > 0.98 and np.median(found.n_bad) == 1
+    error = found.xy - xy
+    assert np.abs(error.mean(axis=(0, 1))).max() < 0.5 * found.sigma_xy.mean()
+    assert rms(error / found.sigma_xy) == pytest.approx(1.0, abs=0.15)
+    # A template stays within its window.
+    fitted = lb.centroid(image, whole, method=METHODS[0], detector=detector)
+    assert share(fitted, lb.SpotFlag.BAD_PIXEL) == 0.0
+
+
 @pytest.mark.parametrize("window", [5, 7, 9])
 def test_a_moment_keeps_light_of_another_spot_and_is_flagged(window):
     """Sharp and bright ones, where each pixel of the other stands out of a template by itself."""

@@ -18,6 +18,7 @@ from losbench.imaging.scrutiny import (
     _lines,
     _rest,
     asks,
+    dead_pixels,
     filled,
     lone_pixels,
     look_into,
@@ -235,6 +236,48 @@ def test_a_pixel_is_two_and_a_half_times_the_third_of_its_neighbours(sign, third
     rest = rest_with(((7, 7), sign * 20.0), ((7, 8), sign * 20.0), ((6, 6), sign * third))
     assert stands_out(rest, 7, 7) == out
     assert stands_out(rest_with(((7, 7), sign * 20.0), ((6, 6), sign * 19.0)), 7, 7)
+
+
+def lacks(*places, at=(0.0, 0.0), sigma=2.0):
+    """Which pixels are dead of a spot that lacks so much of its light at places (row, column)."""
+    signal = light_of(sigma, at)
+    for (row, column), share in places:
+        signal[row, column] *= 1.0 - share
+    return np.argwhere(dead_pixels(windows_of(signal), fit_of(sigma=sigma, at=at))[0]).tolist()
+
+
+@pytest.mark.parametrize("place", [(7, 5), (4, 9), (0, 3), (14, 14)])
+def test_a_dead_pixel_lacks_half_of_its_light(place):
+    assert lacks((place, 0.49)) == [] and lacks((place, 0.51)) == [list(place)]
+    assert lacks((place, -0.9)) == []
+
+
+def test_four_of_nine_lack_less_than_half_as_much_as_a_dead_pixel():
+    around = [(3, 4), (3, 5), (3, 6), (4, 4), (4, 6)]
+    for n, told in ((4, True), (5, False)):
+        found = lacks(*((place, 1.0) for place in [(4, 5), *around[:n]]), sigma=30.0)
+        assert ([4, 5] in found) == told and [3, 4] in found
+    half = lacks(((4, 5), 1.0), *((place, 0.49) for place in around), sigma=30.0)
+    assert half == [[4, 5]]
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0), (0.5, -0.5)])
+def test_the_other_side_lacks_less_than_half_as_much_as_a_dead_pixel(at):
+    row, column = 4, 6
+    mirror = (14 - row + round(2 * at[1]), 14 - column + round(2 * at[0]))
+    assert lacks(((row, column), 0.8), (mirror, 0.39), at=at) == [[row, column]]
+    assert lacks(((row, column), 0.8), (mirror, 0.41), at=at) == []
+
+
+@pytest.mark.parametrize(("sigma", "told"), [(0.78, False), (0.82, True)])
+def test_a_spot_as_narrow_as_its_pixels_has_no_dead_ones(sigma, told):
+    """Any shape of it may change by half from one to the next."""
+    fit = fit_of(2, sigma=sigma)
+    fit.width[1] = 2.0, sigma
+    signal = light_of(sigma)
+    signal[6, 8] = 0.0
+    found = dead_pixels(windows_of(signal, signal, width=sigma), fit)
+    assert found[:, 6, 8].tolist() == [told, told]
 
 
 # Rows and columns
