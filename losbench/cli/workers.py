@@ -86,7 +86,11 @@ def _executor(workers: int, scheduler: str | None) -> Iterator[Any]:
             from distributed import Client
         except ImportError:
             raise ImportError("--scheduler needs dask: pip install 'losbench[cluster]'") from None
-        with Client(scheduler) as client:
+        try:
+            client = Client(scheduler)
+        except (OSError, ValueError) as error:
+            raise ValueError(f"--scheduler {scheduler} cannot be reached: {error}") from None
+        with client:
             yield client.get_executor()
     elif workers > 1:
         # Not forked: threads of OpenCV and BLAS would come along half, and the lock on the results.

@@ -382,3 +382,10 @@ def test_results_go_to_an_empty_working_directory(stack, tmp_path, monkeypatch, 
     assert main(asked) == 0, capsys.readouterr().err
     assert (tmp_path / "out" / "measurement.csv").exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
+
+
+def test_a_scheduler_that_is_none_is_named(stack, tmp_path, capsys):
+    pytest.importorskip("distributed", reason="dask is missing")
+    asked = ["measure", str(stack), "--out", str(tmp_path / "out"), "--scheduler", "nonsense"]
+    assert main(asked) == 2
+    assert "--scheduler nonsense cannot be reached: missing port" in capsys.readouterr().err
