@@ -205,6 +205,8 @@ def _bad(name: str, given: Any, shape: tuple[int, int]) -> Bools:
             mask[places[:, 1], places[:, 0]] = True
     if mask.shape != shape:
         raise ValueError(f"{name} must have the shape of the frames, {shape}, got {mask.shape}")
+    if np.isnan(mask).any():
+        raise ValueError(f"{name} must mark pixels by what is not 0, got NaN")
     return np.asarray(mask != 0)
 
 

@@ -188,6 +188,10 @@ def test_of_frames_two_columns_wide_a_mask_is_a_mask():
     assert bad_of(opened(frames, bad_pixels=[[1, 4]])) == [[4, 1]]
     with pytest.raises(ValueError, match=r"bad_pixels must have the shape of the frames, \(5, 2\)"):
         opened(frames, bad_pixels=np.zeros((5, 3)))
+    with pytest.raises(
+        ValueError, match=r"^bad_pixels must mark pixels by what is not 0, got NaN$"
+    ):
+        opened(frames, bad_pixels=np.where(mask, np.nan, 1.0))
 
 
 def test_a_mask_may_be_an_image_or_an_array_on_disk(tmp_path):

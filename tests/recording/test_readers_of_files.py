@@ -394,8 +394,37 @@ def test_two_stacks_of_an_archive_are_not_chosen_from(tmp_path):
         ValueError, match=r"a.npz must hold one stack .*got light \(6, 20, 30\), dark \(2, 20, 30\)"
     ):
         lb.open_frames(tmp_path / "a.npz")
-    np.savez(tmp_path / "b.npz", frames=FRAMES, dark=FRAMES[:2])
+    np.savez(tmp_path / "b.npz", frames=FRAMES, dark=FRAMES[:2], times=np.arange(6))
     np.testing.assert_array_equal(read(tmp_path / "b.npz"), FRAMES)
+    assert "Not read of b.npz: dark, times." in lb.open_frames(tmp_path / "b.npz").notes
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+@pytest.mark.parametrize("name", ["mask", "DQ", "bad_pixels"])
+def test_a_mask_beside_frames_marks_bad_pixels(tmp_path, save, name):
+    mask = np.zeros((20, 30), dtype=np.uint8)
+    mask[3, 4] = 5
+    save(tmp_path / "a.npz", **{"frames": FRAMES, name: mask})
+    frames = lb.open_frames(tmp_path / "a.npz")
+    np.testing.assert_array_equal(frames.bad, mask > 0)
+    assert not frames.notes
+    np.testing.assert_array_equal(frames.read(0, 6), FRAMES)
+
+
+def test_masks_of_each_frame_and_of_all_are_holes_in_them(tmp_path):
+    each, of_all = np.zeros(FRAMES.shape, dtype=bool), np.zeros((20, 30), dtype=bool)
+    each[2, 5, 6], of_all[3, 4] = True, True
+    for frames in (FRAMES, np.asfortranarray(FRAMES)):
+        np.savez(tmp_path / "a.npz", frames, mask=each, flags=of_all)
+        found = read(tmp_path / "a.npz")
+        np.testing.assert_array_equal(np.isnan(found), each | of_all)
+        np.testing.assert_array_equal(found[~np.isnan(found)], FRAMES[~(each | of_all)])
+
+
+def test_a_mask_of_another_size_or_of_fractions_is_said_not_to_be_read(tmp_path):
+    np.savez(tmp_path / "a.npz", frames=FRAMES, mask=np.ones((30, 20)), mask_of=np.ones((20, 30)))
+    frames = lb.open_frames(tmp_path / "a.npz")
+    assert frames.bad is None and frames.notes == ("Not read of a.npz: mask, mask_of.",)
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,6 +26,7 @@ from losbench.recording.frames.protocol import (
 __all__ = ["InMemory", "open_array", "open_npy", "open_npz"]
 
 _CHUNK = 2**20
+_MASKS = ("mask", "dq", "bad", "bpm", "flag")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +121,10 @@ def open_npy(path: Path, *, skip: bool) -> Found:
 def open_npz(path: Path) -> Found:
     """Return the frames of an .npz archive: its member "frames", or its only stack.
 
-    The archive's own checksum of the member is tried once.
+    The archive's own checksum of the member is tried once. A member whose name begins with mask,
+    dq, bad, bpm or flag marks bad pixels by what is not 0, if it has their shape.
     """
-    stacks = {}
+    stacks, shapes = {}, {}
     if not zipfile.is_zipfile(path):
         raise UnreadableFrame(f"{path.name} cannot be read: not an .npz archive, or cut short")
     with decoding(path.name), zipfile.ZipFile(path) as archive:
@@ -132,7 +134,8 @@ def open_npz(path: Path) -> Found:
                 continue
             with archive.open(info) as member:
                 shape, fortran, dtype, offset = _header(member)
-            if len(shape) == 3 or name == "frames":
+            shapes[name] = shape, dtype.kind
+            if name == "frames" or (len(shape) == 3 and not _is_mask(name)):
                 stacks[name] = info, shape, fortran, dtype, offset
     if not stacks:
         raise ValueError(
@@ -147,24 +150,48 @@ def open_npz(path: Path) -> Found:
     name = "frames" if "frames" in stacks else next(iter(stacks))
     info, shape, fortran, dtype, offset = stacks[name]
     _stack(path.name, shape)
+    masks = [
+        other
+        for other, (size, kind) in shapes.items()
+        if _is_mask(other) and kind in "bui" and size in (shape, shape[1:3])
+    ]
+    left = ", ".join(sorted(shapes.keys() - {name, *masks}))
+    notes = (f"Not read of {path.name}: {left}.",) if left else ()
     with decoding(path.name):
         _check(path.name, shape, dtype)
         if dtype.itemsize * _product(shape) > info.file_size - offset:
             raise UnreadableFrame(f"{path.name} cannot be read: {name} is cut short")
         fits_in(path.name, info.file_size, info.compress_size)
-        if fortran:
-            with np.load(path, allow_pickle=False) as members:
-                return open_array(members[name], path.name)
+        if fortran or any(len(shapes[mask][0]) > 2 for mask in masks):
+            return replace(_unpacked(path, name, masks), notes=notes)
+        with np.load(path, allow_pickle=False) as members:
+            marked = [members[mask] != 0 for mask in masks]
         opener: Any = plain_file
         if info.compress_type == zipfile.ZIP_STORED:
             offset += _begin_of(path, info)
         else:
             opener = Member(info.filename)
             opened(opener, path)
+    bad = np.any(marked, axis=0) if marked else None
     source = Contiguous(
         path=path, offsets=offset, n_frames=shape[0], shape=shape[1:], dtype=dtype, opener=opener
     )
-    return Found(name=path.name, source=source)
+    return Found(name=path.name, source=source, bad=bad, notes=notes)
+
+
+def _unpacked(path: Path, name: str, masks: list[str]) -> Found:
+    """Frames of an archive in memory, where they are stored by columns or each has its own mask."""
+    with np.load(path, allow_pickle=False) as members:
+        frames = members[name]
+        if masks:
+            frames = np.ma.array(frames, mask=False)
+        for mask in masks:
+            frames[np.broadcast_to(members[mask] != 0, frames.shape)] = np.ma.masked
+        return open_array(frames, path.name)
+
+
+def _is_mask(name: str) -> bool:
+    return name.lower().startswith(_MASKS)
 
 
 def _header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
