@@ -233,7 +233,9 @@ class _Elsewhere:
         except Exception as error:
             told = _fit_to_travel(error)
             vars(told)[_PLACE] = place  # which travels with it, as its notes would not
-            raise told from error.__cause__ if told is error else error
+            if told is error:
+                raise
+            raise told from error
 
 
 def _fit_to_travel(error: Exception) -> Exception:

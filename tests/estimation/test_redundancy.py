@@ -137,6 +137,32 @@ def test_a_median_of_zero_tells_no_scale():
     assert found.converged.all() == expected.converged.all()
 
 
+@pytest.mark.parametrize(
+    ("shape", "choices"),
+    [((4, 3), {}), ((5, 4), {}), ((2, 1), {"scale": "std", "leverage": True})],
+)
+def test_what_settles_beside_a_large_model_settles(shape, choices):
+    """The tolerance is one of the fitted values, too, where residuals shrink for ever."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        a = rng.standard_normal(shape)
+        y = a @ np.full(shape[1], 100.0) + rng.standard_normal((20, shape[0]))
+        found, expected = lb.irls(a, y, on_fail="ignore", **choices), step_by_step(a, y, **choices)
+        assert (found.converged >= expected.converged).all()
+        np.testing.assert_allclose(found.x, expected.x, rtol=1e-5)
+
+
+def test_residuals_that_are_all_alike_have_no_scatter_and_stay_at_least_squares():
+    """Adjusted for leverage, what one redundant row leaves over is alike in size; here in sign."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        normal = rng.uniform(0.5, 2.0, 4)
+        a = np.linalg.svd(normal[None])[2][1:].T @ rng.standard_normal((3, 3))
+        y = rng.standard_normal((5, 4))
+        found = lb.irls(a, y, loss="cauchy", scale="std", leverage=True, on_fail="ignore")
+        np.testing.assert_allclose(found.x, lb.lstsq(a, y).x, rtol=1e-6, atol=1e-6)
+
+
 def test_steps_that_are_not_enough_are_said_of_all():
     a, y = design(4, 3), observed(4)
     with pytest.warns(RuntimeWarning, match="60 of 60 systems did not converge in 2 iterations"):

@@ -407,7 +407,9 @@ def test_a_mask_beside_frames_marks_bad_pixels(tmp_path, save, name):
     save(tmp_path / "a.npz", **{"frames": FRAMES, name: mask})
     frames = lb.open_frames(tmp_path / "a.npz")
     np.testing.assert_array_equal(frames.bad, mask > 0)
-    assert not frames.notes
+    assert frames.notes == (f"Pixels marked by {name} of a.npz are left out.",)
+    save(tmp_path / "b.npz", **{"frames": FRAMES, name: mask.astype(float)})
+    np.testing.assert_array_equal(lb.open_frames(tmp_path / "b.npz").bad, mask > 0)
     np.testing.assert_array_equal(frames.read(0, 6), FRAMES)
 
 
@@ -421,10 +423,19 @@ def test_masks_of_each_frame_and_of_all_are_holes_in_them(tmp_path):
         np.testing.assert_array_equal(found[~np.isnan(found)], FRAMES[~(each | of_all)])
 
 
-def test_a_mask_of_another_size_or_of_fractions_is_said_not_to_be_read(tmp_path):
-    np.savez(tmp_path / "a.npz", frames=FRAMES, mask=np.ones((30, 20)), mask_of=np.ones((20, 30)))
+def test_what_is_no_mask_by_its_size_kind_or_name_is_said_not_to_be_read(tmp_path):
+    others = {"mask": np.ones((30, 20)), "masked": np.ones((20, 30)), "flags": FRAMES}
+    np.savez(tmp_path / "a.npz", frames=FRAMES, **others)
     frames = lb.open_frames(tmp_path / "a.npz")
-    assert frames.bad is None and frames.notes == ("Not read of a.npz: mask, mask_of.",)
+    assert frames.bad is None and frames.notes == ("Not read of a.npz: flags, mask, masked.",)
+    np.savez(tmp_path / "b.npz", mask=FRAMES)
+    np.testing.assert_array_equal(read(tmp_path / "b.npz"), FRAMES)
+
+
+def test_a_mask_of_nan_is_refused(tmp_path):
+    np.savez(tmp_path / "a.npz", frames=FRAMES, mask=np.full((20, 30), np.nan))
+    with pytest.raises(lb.UnreadableFrame, match=r"^a.npz cannot be read: .*, got NaN$|^a mask"):
+        lb.open_frames(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])

@@ -17,6 +17,8 @@ from losbench.estimation.robust.problem import ROUNDING, Problem
 
 __all__ = ["iterate_as_one", "stands_for_all"]
 
+_ABOVE_ROUNDING = 1e4  # leverage may stretch what rounding leaves over by as much
+
 
 def stands_for_all(problem: Problem, method: Method) -> bool:
     """Whether the systems share a design with one redundant row, and make their scales of
@@ -27,30 +29,37 @@ def stands_for_all(problem: Problem, method: Method) -> bool:
 
 
 def iterate_as_one(problem: Problem, method: Method) -> tuple[Floats, Ints, Bools, Left]:
-    """As `iterate` and `finish` from least squares, for designs of which one `stands_for_all`."""
-    over = np.eye(problem.y.shape[1]) - problem.basis[0].T @ problem.basis[0]
-    over = over[over.diagonal().argmax()]
-    over = over / np.sqrt(np.vecdot(over, over))
-    both = np.stack([over, -over])
+    """As `iterate` and `finish` from least squares, for designs of which one `stands_for_all`.
+
+    Solved are the two unit vectors along what least squares leaves over; every system is a multiple
+    of one of them. Where they do not settle, or their scale is one of rounding, which is a multiple
+    of nothing, each system takes its own steps.
+    """
+    normal = np.eye(problem.y.shape[1]) - problem.basis[0].T @ problem.basis[0]
+    direction = normal[normal.diagonal().argmax()]
+    direction = direction / np.sqrt(np.vecdot(direction, direction))
+    both_ways = np.stack([direction, -direction])
     unit = replace(
         problem,
-        y=both,
+        y=both_ways,
         y_unit=np.ones(2),
         x_unit=np.ones(2),
         floor=np.full(2, ROUNDING),
         batch=(2,),
     )
-    moved, n_iter, converged = iterate(unit, method, unit.least_squares())
+    start = unit.least_squares()
+    moved, n_iter, converged = iterate(unit, method, start)
     residuals, weights, scale = finish(unit, method, moved)
+    least = np.minimum(scale, finish(unit, method, start)[2])
 
-    size = problem.y @ both.T
-    np.maximum(size, 0.0, out=size)
-    sign = (size[:, 1] > 0.0).astype(np.intp)
-    z, n_iter, converged = problem.least_squares(), n_iter[sign], converged[sign]
-    z += size @ moved
-    residuals, weights, scale = size @ residuals, weights.take(sign, axis=0), size @ scale
-    # What is left over of these is of the size of rounding, which is no multiple of anything.
-    rest = np.flatnonzero(scale <= problem.floor)
+    multiple = problem.y @ both_ways.T
+    np.maximum(multiple, 0.0, out=multiple)
+    way = (multiple[:, 1] > 0.0).astype(np.intp)
+    z, n_iter, converged = problem.least_squares(), n_iter[way], converged[way]
+    z += multiple @ moved
+    residuals, weights = multiple @ residuals, weights.take(way, axis=0)
+    scale, least = multiple @ scale, multiple @ least
+    rest = np.flatnonzero((least <= _ABOVE_ROUNDING * problem.floor) | ~converged)
     if rest.size:
         some = problem.part(rest)
         z[rest], n_iter[rest], converged[rest] = iterate(some, method, some.least_squares())

@@ -12,6 +12,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from losbench.arrays import Bools
 from losbench.recording.frames.contiguous import Contiguous
 from losbench.recording.frames.handles import file_size, opened, plain_file
 from losbench.recording.frames.protocol import (
@@ -26,7 +27,7 @@ from losbench.recording.frames.protocol import (
 __all__ = ["InMemory", "open_array", "open_npy", "open_npz"]
 
 _CHUNK = 2**20
-_MASKS = ("mask", "dq", "bad", "bpm", "flag")
+_MASKS = {"mask", "masks", "bad", "bad_pixels", "badpix", "bpm", "dq", "flag", "flags"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +122,8 @@ def open_npy(path: Path, *, skip: bool) -> Found:
 def open_npz(path: Path) -> Found:
     """Return the frames of an .npz archive: its member "frames", or its only stack.
 
-    The archive's own checksum of the member is tried once. A member whose name begins with mask,
-    dq, bad, bpm or flag marks bad pixels by what is not 0, if it has their shape.
+    The archive's own checksum of the member is tried once. Members called mask, bad_pixels, dq
+    and the like mark bad pixels: of all frames by what is not 0, of each by what is True.
     """
     stacks, shapes = {}, {}
     if not zipfile.is_zipfile(path):
@@ -135,12 +136,13 @@ def open_npz(path: Path) -> Found:
             with archive.open(info) as member:
                 shape, fortran, dtype, offset = _header(member)
             shapes[name] = shape, dtype.kind
-            if name == "frames" or (len(shape) == 3 and not _is_mask(name)):
+            if name == "frames" or len(shape) == 3:
                 stacks[name] = info, shape, fortran, dtype, offset
     if not stacks:
         raise ValueError(
             f"{path.name} cannot be read: no array of it is a stack (frames, rows, cols)"
         )
+    stacks = {name: one for name, one in stacks.items() if not _is_mask(name)} or stacks
     if len(stacks) > 1 and "frames" not in stacks:
         listed = ", ".join(f"{name} {one[1]}" for name, one in stacks.items())
         raise ValueError(
@@ -153,10 +155,15 @@ def open_npz(path: Path) -> Found:
     masks = [
         other
         for other, (size, kind) in shapes.items()
-        if _is_mask(other) and kind in "bui" and size in (shape, shape[1:3])
+        if other != name
+        and _is_mask(other)
+        and ((size == shape[1:3] and kind in "buif") or (size == shape and kind == "b"))
     ]
-    left = ", ".join(sorted(shapes.keys() - {name, *masks}))
-    notes = (f"Not read of {path.name}: {left}.",) if left else ()
+    left = sorted(shapes.keys() - {name, *masks})
+    notes: tuple[str, ...] = (
+        (f"Pixels marked by {', '.join(masks)} of {path.name} are left out.",) if masks else ()
+    )
+    notes += (f"Not read of {path.name}: {', '.join(left)}.",) if left else ()
     with decoding(path.name):
         _check(path.name, shape, dtype)
         if dtype.itemsize * _product(shape) > info.file_size - offset:
@@ -165,7 +172,7 @@ def open_npz(path: Path) -> Found:
         if fortran or any(len(shapes[mask][0]) > 2 for mask in masks):
             return replace(_unpacked(path, name, masks), notes=notes)
         with np.load(path, allow_pickle=False) as members:
-            marked = [members[mask] != 0 for mask in masks]
+            marked = [_marked(members[mask]) for mask in masks]
         opener: Any = plain_file
         if info.compress_type == zipfile.ZIP_STORED:
             offset += _begin_of(path, info)
@@ -186,12 +193,18 @@ def _unpacked(path: Path, name: str, masks: list[str]) -> Found:
         if masks:
             frames = np.ma.array(frames, mask=False)
         for mask in masks:
-            frames[np.broadcast_to(members[mask] != 0, frames.shape)] = np.ma.masked
+            frames[np.broadcast_to(_marked(members[mask]), frames.shape)] = np.ma.masked
         return open_array(frames, path.name)
 
 
 def _is_mask(name: str) -> bool:
-    return name.lower().startswith(_MASKS)
+    return name.lower() in _MASKS
+
+
+def _marked(mask: NDArray[Any]) -> Bools:
+    if np.isnan(mask).any():
+        raise ValueError("a mask must mark pixels by what is not 0, got NaN")
+    return np.asarray(mask != 0)
 
 
 def _header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
