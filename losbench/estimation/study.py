@@ -48,6 +48,7 @@ def study(
         others, return an array of bool named ``converged``.
     grid : mapping of str to sequence
         Parameters of the trial and their values: every combination is a cell. ``{}`` is one cell.
+        No two names may be the same text, and none ``quantity``, which is a level of the table.
     n : int
         Trials in each cell.
     seed : int
@@ -60,8 +61,12 @@ def study(
     out : path, optional
         Folder that keeps a file for each cell that is done.
     resume : bool
-        Go on with the cells of an earlier run in ``out``, of the same recipe and trial: its code
-        and the numbers, arrays and records that it uses, but not lists and dicts.
+        Go on with the cells of an earlier run in ``out``, of the same recipe and trial: its code,
+        its defaults and all that it closes over or finds under global names, objects by what pickle
+        would keep of them and by their ``__call__``. Not lists, dicts, sets, deques, iterators and
+        generators of random numbers that it reaches by name, which may keep account of its calls.
+        Functions of other modules, classes and modules count by name only, and what cannot be
+        pickled by the name of its type.
     progress : bool
         Show a progress bar.
 
@@ -196,6 +201,9 @@ def _named(
 def _axes(grid: Mapping[str, Sequence[Any]]) -> dict[str, tuple[Any, ...]]:
     if not isinstance(grid, Mapping):
         raise ValueError(f"grid must be a mapping of names to values, got {type(grid).__name__}")
+    names = [str(name) for name in grid]
+    if len({*names, "quantity"}) <= len(names):
+        raise ValueError(f"grid must hold different names, none of them 'quantity', got {names}")
     axes = {}
     for name, values in grid.items():
         # Sets have no order, or another in every process.

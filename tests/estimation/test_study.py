@@ -272,6 +272,8 @@ def test_a_failing_chunk_is_named_and_cancels_the_rest():
             r"converged must be an array of bool \(10,\), got bool with \(10, 2\)",
         ),
         ({"grid": [1]}, "grid must be a mapping of names to values, got list"),
+        ({"grid": {1: [1], "1": [2]}}, r"grid must hold different names.*, got \['1', '1'\]"),
+        ({"grid": {"quantity": [1]}}, r"none of them 'quantity', got \['quantity'\]"),
         ({"n": 0}, "n must be a whole number of at least 1, got 0"),
         ({"chunk": 0}, "chunk must be a whole number of at least 1, got 0"),
         ({"resume": True}, "resume needs out"),
@@ -325,7 +327,7 @@ def test_a_bar_counts_every_chunk_of_the_cells_that_are_not_there_yet(
         assert all(step > 0 for step in bar.steps)
 
 
-@pytest.mark.parametrize("name", ["n", "mean", "std", "quantity", "k", "seed", "trial"])
+@pytest.mark.parametrize("name", ["n", "mean", "std", "k", "seed", "trial"])
 def test_a_parameter_may_have_the_name_of_a_column_or_of_an_argument(name):
     def trial(rng, size, **cell):
         return {"x": np.full(size, cell[name])}
