@@ -95,9 +95,7 @@ def _held(thing: Any, home: str | None) -> list[Any]:
         return _of_function(thing) if thing.__module__ == home else [_name(thing)]
     if type(thing) in (dict, MappingProxyType):
         return [part for item in thing.items() for part in item]
-    if type(thing) in (list, tuple):
-        return list(thing)
-    if isinstance(thing, set | frozenset):
+    if type(thing) in (list, tuple) or isinstance(thing, set | frozenset):
         return list(thing)
     if isinstance(thing, np.ma.MaskedArray):  # whose pickle has a fill value only once asked for
         return [thing.data, np.ma.getmaskarray(thing), thing.fill_value]

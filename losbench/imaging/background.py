@@ -361,8 +361,7 @@ def inverse_normal(sums: Floats) -> Floats:
     cofactors.
     """
     n, sx, sy, sxx, sxy, syy = sums.T
-    # Enough to invert what a corner of a frame or an empty ring leaves, too little to matter
-    # elsewhere.
+    # Enough to invert what a corner of a frame leaves, too little to matter elsewhere.
     n, sxx, syy = n + 1e-6, sxx + 1e-6, syy + 1e-6
     first, second, third = sxx * syy - sxy**2, sy * sxy - sx * syy, sx * sxy - sy * sxx
     determinant = n * first + sx * second + sy * third

@@ -162,12 +162,12 @@ def look_into(windows: Windows, *, moves: bool = False) -> Looked:
         clean = replace(part, kept=kept[looking])
         freed = fit_template(clean, free=True, tolerance=_CLOSE, max_iter=_STEPS)
         fit.put(looking, freed)
-        if k:
+        if k:  # after the first round the width alone is new, and lets more stand out
             looking = looking[new.any(axis=(1, 2))]
     if not windows.noise.per_dn:
         doubtful = (first > kept) & ~lines & ~_beyond_shot_noise(windows, fit, kept)
         kept[doubtful] = first[doubtful]
-    inner = (slice(None), *[slice(None) if moves else slice(1, -1)] * 2)
+    inner = np.s_[:, :, :] if moves else np.s_[:, 1:-1, 1:-1]
     singles = ((first > kept) & ~lines)[inner].mean(axis=(1, 2))
     fits: Bools = fit.converged & (unexplained(windows, fit, kept) <= UNEXPLAINED)
     shape = ~fits | (singles > _MOST)

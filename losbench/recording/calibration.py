@@ -13,7 +13,7 @@ from losbench.arrays import Bools, Floats
 from losbench.checks import integer
 from losbench.imaging.detector import Detector
 from losbench.recording.frames.door import How, Origin, find_frames
-from losbench.recording.frames.protocol import Frames, decoding
+from losbench.recording.frames.protocol import Frames, decoding, marked
 
 __all__ = ["Calibrated", "Calibration", "calibrated"]
 
@@ -205,9 +205,7 @@ def _bad(name: str, given: Any, shape: tuple[int, int]) -> Bools:
             mask[places[:, 1], places[:, 0]] = True
     if mask.shape != shape:
         raise ValueError(f"{name} must have the shape of the frames, {shape}, got {mask.shape}")
-    if np.isnan(mask).any():
-        raise ValueError(f"{name} must mark pixels by what is not 0, got NaN")
-    return np.asarray(mask != 0)
+    return marked(name, mask)
 
 
 def _places(path: Path) -> Floats:

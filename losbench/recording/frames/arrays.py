@@ -12,7 +12,6 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from losbench.arrays import Bools
 from losbench.recording.frames.contiguous import Contiguous
 from losbench.recording.frames.handles import file_size, opened, plain_file
 from losbench.recording.frames.protocol import (
@@ -22,6 +21,7 @@ from losbench.recording.frames.protocol import (
     cut_short,
     decoding,
     fits_in,
+    marked,
 )
 
 __all__ = ["InMemory", "open_array", "open_npy", "open_npz"]
@@ -172,18 +172,19 @@ def open_npz(path: Path) -> Found:
         if fortran or any(len(shapes[mask][0]) > 2 for mask in masks):
             return replace(_unpacked(path, name, masks), notes=notes)
         with np.load(path, allow_pickle=False) as members:
-            marked = [_marked(members[mask]) for mask in masks]
+            bad = [marked(mask, members[mask]) for mask in masks]
         opener: Any = plain_file
         if info.compress_type == zipfile.ZIP_STORED:
             offset += _begin_of(path, info)
         else:
             opener = Member(info.filename)
             opened(opener, path)
-    bad = np.any(marked, axis=0) if marked else None
     source = Contiguous(
         path=path, offsets=offset, n_frames=shape[0], shape=shape[1:], dtype=dtype, opener=opener
     )
-    return Found(name=path.name, source=source, bad=bad, notes=notes)
+    return Found(
+        name=path.name, source=source, bad=np.any(bad, axis=0) if bad else None, notes=notes
+    )
 
 
 def _unpacked(path: Path, name: str, masks: list[str]) -> Found:
@@ -193,18 +194,12 @@ def _unpacked(path: Path, name: str, masks: list[str]) -> Found:
         if masks:
             frames = np.ma.array(frames, mask=False)
         for mask in masks:
-            frames[np.broadcast_to(_marked(members[mask]), frames.shape)] = np.ma.masked
+            frames[np.broadcast_to(marked(mask, members[mask]), frames.shape)] = np.ma.masked
         return open_array(frames, path.name)
 
 
 def _is_mask(name: str) -> bool:
     return name.lower() in _MASKS
-
-
-def _marked(mask: NDArray[Any]) -> Bools:
-    if np.isnan(mask).any():
-        raise ValueError("a mask must mark pixels by what is not 0, got NaN")
-    return np.asarray(mask != 0)
 
 
 def _header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:

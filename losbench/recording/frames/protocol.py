@@ -24,6 +24,7 @@ __all__ = [
     "cut_short",
     "decoding",
     "fits_in",
+    "marked",
     "quietly",
 ]
 
@@ -165,6 +166,13 @@ def _in_one_line(error: Exception) -> str:
     if isinstance(error, KeyError) and " " not in said:
         return f"{said} is missing"
     return said or type(error).__name__
+
+
+def marked(name: str, mask: NDArray[Any]) -> Bools:
+    """Return which pixels a mask marks: by what is not 0, and not by NaN."""
+    if np.isnan(mask).any():
+        raise ValueError(f"{name} must mark pixels by what is not 0, got NaN")
+    return np.asarray(mask != 0)
 
 
 def fits_in(label: str, claimed: int, held: int) -> None:
